@@ -1,0 +1,119 @@
+//! What a hand feels: contacts, fingertips that touched nothing, and a grasp of both.
+
+use heapless::Vec;
+
+use crate::matrix::Coordinates;
+use crate::space::Space;
+
+/// One fingertip on the surface, in the world frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact<S: Space> {
+    /// Where, metres.
+    pub point: S::Vector,
+    /// Unit normal out of the object, where the sensor gives one.
+    pub normal: Option<S::Vector>,
+    /// Standard deviation of the point along the normal, metres.
+    pub point_deviation: f32,
+    /// Standard deviation of the normal's direction, radians per axis.
+    pub normal_deviation: f32,
+    /// Which finger felt it.
+    pub finger: u8,
+}
+
+/// Why a contact cannot be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ContactError {
+    /// A coordinate of the point is NaN or infinite.
+    Point,
+    /// The normal is not finite, or its length is not within 10⁻³ of one.
+    Normal,
+    /// A standard deviation is not finite and positive.
+    Deviation,
+}
+
+impl core::fmt::Display for ContactError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            ContactError::Point => "the point must be finite",
+            ContactError::Normal => "the normal must have length 1 within 0.001",
+            ContactError::Deviation => "standard deviations must be finite and positive",
+        })
+    }
+}
+
+impl core::error::Error for ContactError {}
+
+impl<S: Space> Contact<S> {
+    /// The contact with its normal scaled to exactly one.
+    ///
+    /// # Errors
+    /// When a number is not finite, the normal is off unit length by more than 10⁻³, or a
+    /// standard deviation is not positive.
+    pub fn checked(mut self) -> Result<Self, ContactError> {
+        if !self.point.is_finite() {
+            return Err(ContactError::Point);
+        }
+        if let Some(n) = self.normal {
+            if !((n.norm() - 1.0).abs() <= 1e-3) {
+                return Err(ContactError::Normal);
+            }
+            self.normal = n.normalized();
+        }
+        let positive = |d: f32| d > 0.0 && d.is_finite();
+        if !positive(self.point_deviation) || !positive(self.normal_deviation) {
+            return Err(ContactError::Deviation);
+        }
+        Ok(self)
+    }
+}
+
+/// A fingertip that closed on nothing: the object is not at `point` (world frame, metres).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FreePoint<S: Space> {
+    /// Where, metres.
+    pub point: S::Vector,
+    /// Which finger.
+    pub finger: u8,
+}
+
+/// Everything felt in one closing of the hand, at most `CAPACITY` contacts and as many free points.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grasp<S: Space, const CAPACITY: usize> {
+    /// What was felt.
+    pub contacts: Vec<Contact<S>, CAPACITY>,
+    /// What was not.
+    pub free: Vec<FreePoint<S>, CAPACITY>,
+}
+
+impl<S: Space, const CAPACITY: usize> Grasp<S, CAPACITY> {
+    /// A grasp that felt nothing.
+    pub const fn new() -> Self {
+        Grasp { contacts: Vec::new(), free: Vec::new() }
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        self.contacts.clear();
+        self.free.clear();
+    }
+
+    /// The grasp as slices, as [`crate::track::Tracker::update`] takes it.
+    pub fn view(&self) -> GraspView<'_, S> {
+        GraspView { contacts: &self.contacts, free: &self.free }
+    }
+}
+
+impl<S: Space, const CAPACITY: usize> Default for Grasp<S, CAPACITY> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// A grasp of any size, borrowed.
+#[derive(Clone, Copy, Debug)]
+pub struct GraspView<'a, S: Space> {
+    /// What was felt.
+    pub contacts: &'a [Contact<S>],
+    /// What was not.
+    pub free: &'a [FreePoint<S>],
+}

@@ -1,0 +1,1 @@
+//! The board's behaviour, bytes in and bytes out.

@@ -1,0 +1,1 @@
+//! The surface models of the core.

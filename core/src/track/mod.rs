@@ -1,0 +1,55 @@
+//! From grasps to a belief over the object's pose, and the shape it implies.
+
+pub mod bootstrap;
+pub mod likelihood;
+pub mod motion;
+pub mod observability;
+pub mod particles;
+
+// pub use bootstrap::Bootstrap;
+pub use motion::MotionNoise;
+pub use observability::Observability;
+
+use crate::contact::GraspView;
+use crate::space::Space;
+
+/// One grasp in, one estimate out. The first grasp fixes the object frame: its origin at the
+/// centroid of the contacts, its axes along the world's.
+pub trait Tracker<S: Space> {
+    /// Predicts with `motion`, weighs and corrects with the grasp, then adds its contacts to the
+    /// shape. `motion` maps world to world (predicted pose = motion ∘ previous pose); `None` means
+    /// unknown (the noise alone predicts), and on the first grasp nothing.
+    ///
+    /// Contacts that are not finite or not normalised are dropped and counted; an empty grasp only
+    /// predicts.
+    fn update(&mut self, motion: Option<&S::Pose>, grasp: GraspView<'_, S>) -> Estimate<S>;
+
+    /// Forgets the object and restarts the random numbers from `seed`.
+    fn reset(&mut self, seed: u64);
+}
+
+/// What a tracker believes after one grasp.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate<S: Space> {
+    /// Number of the grasp since the last reset, from 0.
+    pub grasp: u32,
+    /// Object to world: the weighted mean of the belief.
+    pub pose: S::Pose,
+    /// Covariance of the pose in tangent coordinates (object axes; metres and radians).
+    pub covariance: S::Covariance,
+    /// Effective number of particles, 1/Σw²; their whole number when all weigh the same.
+    pub effective_particles: f32,
+    /// Which directions of the pose this grasp can see.
+    pub observability: Observability<S>,
+    /// Contacts of this grasp that were used to correct the pose.
+    pub contacts: u16,
+    /// Contacts dropped because a number in them was bad.
+    pub rejected: u16,
+    /// Contacts (of this or earlier grasps) that the bounded map let go in this update.
+    pub dropped: u16,
+    /// Whether the grasp corrected the pose. False on the first grasp, on an empty one, and when no
+    /// particle passed the gate, in which case the pose is the prediction.
+    pub corrected: bool,
+    /// Whether the particles were resampled.
+    pub resampled: bool,
+}

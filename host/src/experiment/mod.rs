@@ -1,0 +1,1 @@
+//! One file per thesis figure or table.

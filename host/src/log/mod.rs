@@ -1,0 +1,106 @@
+//! Grasp logs: the interchange format with researchers, in memory and as JSON lines.
+//!
+//! One JSON object a line, SI units, world frame: a header, then one line per grasp. See
+//! [`GraspLog::read`] for what is checked.
+
+pub mod import;
+pub mod read;
+pub mod recording;
+pub mod write;
+
+use std::path::PathBuf;
+
+use crate::space::{Point, Pose};
+
+/// A whole log: header and grasps in time order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GraspLog {
+    /// 2 or 3.
+    pub dimension: usize,
+    /// What it is, in words.
+    pub description: String,
+    /// Names of the fingers; [`LoggedContact::finger`] is an index into it.
+    pub fingers: Vec<String>,
+    /// Standard deviations of what was measured, where the recorder knew them.
+    pub noise: Noise,
+    /// The true shape, for evaluation only.
+    pub shape: Option<TrueShape>,
+    /// The grasps.
+    pub grasps: Vec<LoggedGrasp>,
+    /// Header fields this version does not know, kept on rewrite.
+    pub unknown: serde_json::Map<String, serde_json::Value>,
+}
+
+/// Standard deviations; `None` where the log does not say.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Noise {
+    /// Contact point, metres per axis.
+    pub point: Option<f64>,
+    /// Contact normal, radians per axis.
+    pub normal: Option<f64>,
+    /// Translation of the object between grasps, metres per axis.
+    pub translation: Option<f64>,
+    /// Rotation of the object between grasps, radians per axis.
+    pub rotation: Option<f64>,
+}
+
+/// The true shape in the object frame, as the header names it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum TrueShape {
+    /// Vertices of a simple polygon in order, metres (dimension 2).
+    Polygon(Vec<[f64; 2]>),
+    /// A mesh file (dimension 3). `path` is as written in the log; `file` is where it is.
+    Mesh {
+        /// As written: relative to the log.
+        path: String,
+        /// Resolved against the log's folder.
+        file: PathBuf,
+    },
+}
+
+/// One grasp: what the hand did, felt and did not feel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoggedGrasp {
+    /// The grasp's number in the log, ascending.
+    pub index: u64,
+    /// Seconds since the start of the recording.
+    pub time: Option<f64>,
+    /// World-to-world motion since the previous grasp: predicted pose = motion · previous pose.
+    /// `None` on the first grasp means none; later, unknown.
+    pub motion: Option<Pose>,
+    /// What was felt.
+    pub contacts: Vec<LoggedContact>,
+    /// Fingertips that closed on nothing.
+    pub free: Vec<LoggedFree>,
+    /// True pose of the object, for evaluation only.
+    pub truth: Option<Pose>,
+    /// Fields this version does not know, kept on rewrite.
+    pub unknown: serde_json::Map<String, serde_json::Value>,
+}
+
+/// One contact in the world frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoggedContact {
+    /// Index into [`GraspLog::fingers`].
+    pub finger: Option<usize>,
+    /// Where, metres.
+    pub point: Point,
+    /// Unit normal out of the object, where it was measured.
+    pub normal: Option<Point>,
+    /// Standard deviation of this normal in radians, where it differs from [`Noise::normal`]
+    /// (field `normal_noise`).
+    pub normal_noise: Option<f64>,
+    /// Force in newtons.
+    pub force: Option<f64>,
+    /// Fields this version does not know, kept on rewrite.
+    pub unknown: serde_json::Map<String, serde_json::Value>,
+}
+
+/// A fingertip position that touched nothing, world frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoggedFree {
+    /// Index into [`GraspLog::fingers`].
+    pub finger: Option<usize>,
+    /// Where, metres.
+    pub point: Point,
+}

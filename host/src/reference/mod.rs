@@ -1,0 +1,1 @@
+//! Dense double-precision models: the independent yardstick of the core.

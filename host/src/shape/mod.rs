@@ -1,0 +1,85 @@
+//! Shapes as geometry: outlines and meshes, extracted from an implicit surface or given as truth,
+//! and the distances between them.
+
+pub mod align;
+pub mod contour;
+pub mod files;
+pub mod mesh;
+pub mod metrics;
+pub mod outline;
+pub mod surface;
+
+pub use mesh::Mesh;
+pub use outline::Outline;
+
+use crate::space::{Point, Pose};
+
+/// A shape in one frame, metres: closed polygons in the plane, or a triangle mesh.
+#[derive(Clone, Debug)]
+pub enum Geometry {
+    /// Dimension 2.
+    Outline(Outline),
+    /// Dimension 3.
+    Mesh(Mesh),
+}
+
+/// A scalar field with f > 0 outside the object, f < 0 inside, scaled as a signed distance in
+/// metres near the surface. Planar fields ignore z.
+pub trait Field: Sync {
+    /// Value at each point, metres.
+    fn values(&self, points: &[Point]) -> Vec<f64>;
+    /// Standard deviation of the surface's position along its normal near each point, metres.
+    fn deviations(&self, points: &[Point]) -> Vec<f64>;
+}
+
+impl Geometry {
+    /// 2 or 3.
+    pub fn dimension(&self) -> usize {
+        match self {
+            Geometry::Outline(_) => 2,
+            Geometry::Mesh(_) => 3,
+        }
+    }
+
+    /// The same shape moved by `pose`.
+    pub fn transformed(&self, pose: &Pose) -> Geometry {
+        match self {
+            Geometry::Outline(o) => Geometry::Outline(o.transformed(pose)),
+            Geometry::Mesh(m) => Geometry::Mesh(m.transformed(pose)),
+        }
+    }
+
+    /// Unsigned distance from `point` to the surface, metres.
+    pub fn distance(&self, point: &Point) -> f64 {
+        match self {
+            Geometry::Outline(o) => o.distance(point),
+            Geometry::Mesh(m) => m.distance(point),
+        }
+    }
+
+    /// Least and greatest corner of the axis-aligned bounding box.
+    pub fn bounds(&self) -> (Point, Point) {
+        match self {
+            Geometry::Outline(o) => o.bounds(),
+            Geometry::Mesh(m) => m.bounds(),
+        }
+    }
+
+    /// About `count` points spread evenly over the surface, each with its outward unit normal;
+    /// the same points on every call.
+    pub fn samples(&self, count: usize) -> Vec<(Point, Point)> {
+        match self {
+            Geometry::Outline(o) => o.samples(count),
+            Geometry::Mesh(m) => m.samples(count),
+        }
+    }
+
+    /// The first hit of the ray from `origin` along the unit `direction` within `reach` metres, on
+    /// a side that faces the ray: distance along the ray and outward unit normal there.
+    pub fn cast(&self, origin: &Point, direction: &Point, reach: f64) -> Option<(f64, Point)> {
+        match self {
+            Geometry::Outline(o) => o.cast(origin, direction, reach),
+            Geometry::Mesh(m) => m.cast(origin, direction, reach),
+        }
+    }
+}

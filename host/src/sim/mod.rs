@@ -1,0 +1,1 @@
+//! Simulated objects, hands and noise.

@@ -1,0 +1,1 @@
+//! A grasp log in, shape and poses out.
