@@ -2,11 +2,13 @@
 //!
 //! Corrections to the thesis: weights multiply the previous weights, because resampling is
 //! conditional; the pose is averaged on the manifold, not as numbers; and the likelihood (3.9) is
-//! calibrated, see [`log_likelihood`].
+//! calibrated, see [`log_likelihood`]. The last line of the algorithm, the update of the shape, is
+//! [`Gpis::fit`] with the contacts carried to the object frame by the mean pose.
 
 use nalgebra::{DMatrix, DVector, UnitQuaternion, Vector3};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
+use rayon::prelude::*;
 
 use super::gpis::Evaluation;
 use super::{Contact, Gpis};
@@ -23,8 +25,20 @@ pub struct Settings {
     pub translation: f64,
     /// Standard deviation of the rotation per grasp, radians per axis of the object.
     pub rotation: f64,
+    /// The thesis' condition on a pose, if it is wanted.
+    pub gate: Option<Gate>,
     /// Seed of the random numbers.
     pub seed: u64,
+}
+
+/// A pose is possible only if enough contacts of the grasp lie close to contacts the surface was
+/// learnt from (thesis 3.5.1); of a grasp with fewer contacts, all must.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gate {
+    /// How many contacts; four in the thesis.
+    pub contacts: usize,
+    /// How close, metres.
+    pub distance: f64,
 }
 
 /// One hypothesis about the pose.
@@ -85,11 +99,17 @@ impl Filter {
     pub fn weigh(&mut self, surface: &Gpis, contacts: &[Contact]) -> bool {
         let log_weights: Vec<f64> = self
             .particles
-            .iter()
+            .par_iter()
             .map(|particle| {
                 let inverse = particle.pose.inverse();
                 let felt: Vec<Contact> = contacts.iter().map(|c| c.transformed(&inverse)).collect();
                 let points: Vec<Point> = felt.iter().map(|c| c.point).collect();
+                if let Some(gate) = self.settings.gate {
+                    let close = points.iter().filter(|p| surface.nearest(p) < gate.distance);
+                    if close.count() < gate.contacts.min(points.len()) {
+                        return f64::NEG_INFINITY;
+                    }
+                }
                 let evidence: f64 = felt
                     .iter()
                     .zip(surface.evaluate(&points))
@@ -153,23 +173,28 @@ impl Filter {
 /// Thesis 3.9 has no scale. Here the distance to the surface is r = f/|g| with variance
 /// σ_p² + V/|g|², and the normal is off the gradient g by an angle whose variance per axis is
 /// σ_θ² + V_g/|g|², V and V_g the posterior variances of value and slope; |g| is at least
-/// [`LEAST_GRADIENT`].
+/// [`LEAST_GRADIENT`]. Both follow Student's t with four degrees of freedom, so that a few wild
+/// contacts do not decide alone.
 pub fn log_likelihood(dimension: usize, contact: &Contact, at: &Evaluation) -> f64 {
     let slope = at.gradient.norm().max(LEAST_GRADIENT);
     let distance = at.value / slope;
     let variance = contact.point_deviation.powi(2) + at.variance / (slope * slope);
-    let mut log = log_normal(distance * distance, variance, 1);
+    let mut log = log_student(distance, variance, 1);
     if let Some(normal) = contact.normal {
         let angle = at.gradient.angle(&normal);
         let variance = contact.normal_deviation.powi(2) + at.gradient_variance / (slope * slope);
-        log += log_normal(angle * angle, variance, dimension - 1);
+        log += log_student(angle, variance, dimension - 1);
     }
     log
 }
 
-/// Log density of an isotropic normal distribution in `axes` dimensions at a squared distance.
-fn log_normal(squared: f64, variance: f64, axes: usize) -> f64 {
-    -0.5 * (squared / variance + axes as f64 * (std::f64::consts::TAU * variance).ln())
+/// Log density of Student's t with ν = 4 in d = 1 or 2 dimensions at distance x from its centre:
+/// Γ((ν+d)/2) / (Γ(ν/2) (πν·variance)^{d/2}) · (1 + x²/(ν·variance))^{−(ν+d)/2}.
+fn log_student(x: f64, variance: f64, dimensions: usize) -> f64 {
+    let d = dimensions as f64;
+    // The quotient of the gamma functions over (πν)^{d/2}.
+    let scale: f64 = if dimensions == 1 { 3.0 / 8.0 } else { 1.0 / std::f64::consts::TAU };
+    scale.ln() - 0.5 * d * variance.ln() - 0.5 * (4.0 + d) * (x * x / (4.0 * variance)).ln_1p()
 }
 
 /// Degrees of freedom of a rigid body.
@@ -250,8 +275,14 @@ mod tests {
     use crate::space::{angle, planar};
     use proptest::prelude::*;
 
-    const SETTINGS: Settings =
-        Settings { dimension: 2, particles: 500, translation: 0.01, rotation: 0.2, seed: 3 };
+    const SETTINGS: Settings = Settings {
+        dimension: 2,
+        particles: 500,
+        translation: 0.01,
+        rotation: 0.2,
+        gate: None,
+        seed: 3,
+    };
 
     /// Contacts all around a planar ellipse, object frame.
     fn ellipse(count: usize) -> Vec<Contact> {
@@ -338,24 +369,61 @@ mod tests {
 
     #[test]
     fn likelihood_is_a_density() {
-        // Over distance and, in the plane, angle it integrates to one.
+        // Over distance and, in the plane, angle: integrates to one but for the tails, which hold
+        // 2·10⁻⁵ beyond 20 standard deviations.
         let touch = ellipse(1)[0];
         let n = touch.normal.unwrap();
-        let (mut sum, steps) = (0.0, 200);
-        for i in 0..=steps {
-            for j in 0..=steps {
-                let (u, v) = (f64::from(i) / 100.0 - 1.0, f64::from(j) / 100.0 - 1.0);
-                let turned = UnitQuaternion::from_scaled_axis(Vector3::z() * v) * n;
-                let at = Evaluation {
-                    value: 0.04 * u,
-                    gradient: turned * 2.0,
-                    variance: 1e-5,
-                    gradient_variance: 0.04,
-                };
-                sum += log_likelihood(2, &touch, &at).exp() * 0.02 * 0.01 * 0.01;
-            }
+        let at = |distance: f64, angle: f64| Evaluation {
+            value: 2.0 * distance,
+            gradient: UnitQuaternion::from_scaled_axis(Vector3::z() * angle) * n * 2.0,
+            variance: 4e-6,
+            gradient_variance: 0.002,
+        };
+        let density = |distance, angle| log_likelihood(2, &touch, &at(distance, angle)).exp();
+        let (over, wide) = (1e-4, 5e-3);
+        let line = |f: &dyn Fn(f64) -> f64| -> f64 { (-600..=600).map(f64::from).map(f).sum() };
+        let distances = line(&|i| density(i * over, 0.0)) * over;
+        let angles = line(&|i| density(0.0, i * wide)) * wide;
+        // Density factors, so the integral over both is the product of those along the axes.
+        let integral = distances * angles / density(0.0, 0.0);
+        assert!((integral - 1.0).abs() < 1e-3, "{integral}");
+    }
+
+    #[test]
+    fn likelihood_in_space_is_a_density() {
+        let n = Point::z();
+        let touch = Contact { normal: Some(n), ..ellipse(1)[0] };
+        // The normal's two angles in the tangent plane: rings of circumference 2πα.
+        let step = 1e-3;
+        let mut sum = 0.0;
+        for i in 0..3000 {
+            let angle = (f64::from(i) + 0.5) * step;
+            let at = Evaluation {
+                value: 0.0,
+                gradient: UnitQuaternion::from_scaled_axis(Vector3::x() * angle) * n,
+                variance: 0.0,
+                gradient_variance: 0.0,
+            };
+            let both = log_likelihood(3, &touch, &at).exp();
+            let distance = log_likelihood(3, &Contact { normal: None, ..touch }, &at).exp();
+            sum += both / distance * std::f64::consts::TAU * angle * step;
         }
         assert!((sum - 1.0).abs() < 1e-3, "{sum}");
+    }
+
+    #[test]
+    fn the_gate_asks_for_contacts_close_to_known_ones() {
+        let surface = surface();
+        let mut contacts = ellipse(16)[..5].to_vec();
+        // Still on the surface, but half way to the next contact; a tight gate shuts both of them out.
+        let far: Vec<Contact> = ellipse(48).into_iter().skip(1).step_by(3).collect();
+        (contacts[3], contacts[4]) = (far[3], far[4]);
+        let gated = |count| {
+            let gate = Some(Gate { contacts: count, distance: 2e-3 });
+            let mut filter = Filter::new(Settings { gate, ..SETTINGS }, Pose::identity());
+            filter.weigh(&surface, &contacts)
+        };
+        assert!(gated(3) && !gated(4));
     }
 
     #[test]

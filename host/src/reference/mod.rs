@@ -17,7 +17,7 @@ pub mod prior;
 #[cfg(test)]
 mod tests;
 
-pub use filter::{Filter, Settings};
+pub use filter::{Filter, Gate, Settings};
 pub use gpis::{Gpis, Training};
 pub use kernel::Kernel;
 pub use prior::Prior;
