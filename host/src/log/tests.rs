@@ -295,7 +295,7 @@ fn point(dimension: usize) -> impl Strategy<Value = Point> {
 }
 
 fn pose(dimension: usize) -> impl Strategy<Value = Pose> {
-    (point(dimension), -3.14f64..3.14, proptest::array::uniform4(0.1f64..1.0)).prop_map(
+    (point(dimension), -3.1f64..3.1, proptest::array::uniform4(0.1f64..1.0)).prop_map(
         move |(p, angle, [x, y, z, w])| {
             if dimension == 2 {
                 planar(p.x, p.y, angle)
