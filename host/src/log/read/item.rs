@@ -42,7 +42,8 @@ impl<'a> Line<'a> {
         if text.trim().is_empty() {
             return Ok(None);
         }
-        let value: Value = serde_json::from_str(text).map_err(|e| {
+        // Without its end, so that a line cut off inside a name or text is known as such.
+        let value: Value = serde_json::from_str(text.trim_end()).map_err(|e| {
             self.problem(if e.is_eof() {
                 "is cut off in the middle of its JSON object (is the file truncated?)".to_string()
             } else {
