@@ -4,6 +4,7 @@
 pub mod align;
 pub mod contour;
 pub mod files;
+pub mod lattice;
 pub mod mesh;
 pub mod metrics;
 pub mod outline;
