@@ -1,0 +1,1 @@
+//! Quantities with units, as the command line takes them.
