@@ -9,11 +9,14 @@ use crate::space::{Point, Pose};
 /// Levenberg–Marquardt iterations from each start.
 const ITERATIONS: usize = 25;
 
-/// Points drawn from each surface while aligning.
-const SAMPLES: usize = 500;
+/// A step that moves no point farther than this ends the search, metres.
+const SETTLED: f64 = 1e-8;
+
+/// Points drawn from each surface while aligning: planar, spatial.
+const SAMPLES: [usize; 2] = [250, 500];
 
 /// Turns tried in the plane, radians either way.
-const PLANAR_TURNS: [f64; 3] = [0.06, 0.15, 0.3];
+const PLANAR_TURNS: [f64; 2] = [0.1, 0.3];
 
 /// Turns tried about each axis in space, radians either way.
 const SPATIAL_TURN: f64 = 0.15;
@@ -21,30 +24,27 @@ const SPATIAL_TURN: f64 = 0.15;
 /// The rigid motion (estimate's frame to truth's) that takes `estimate` closest to `truth`.
 ///
 /// From the identity, from coinciding centroids and from small turns about the centroid, the mean
-/// squared distance between the surfaces, both ways, is minimised by Levenberg–Marquardt, once as
-/// it is and once with outlying distances weighed down. Of all results **and the identity** the one
-/// with the least Hausdorff distance is returned, so the alignment never makes that worse. Turns
-/// stay local: the alignment takes out what an estimator cannot know, it does not search for
-/// another match of a symmetric shape. Deterministic; the identity if the shapes cannot be
-/// compared (see [`metrics::compare`]).
+/// squared distance between the surfaces, both ways, is minimised by Levenberg–Marquardt; from the
+/// best of these once more with outlying distances weighed down. Of all results **and the
+/// identity** the one with the least Hausdorff distance is returned, so the alignment never makes
+/// that worse. Turns stay local: the alignment takes out what an estimator cannot know, it does not
+/// search for another match of a symmetric shape. Deterministic; the identity if the shapes cannot
+/// be compared (see [`metrics::compare`]).
 pub fn align(estimate: &Geometry, truth: &Geometry) -> Pose {
     let Some(mut least) = metrics::compare(estimate, truth).map(|d| d.hausdorff) else {
         return Pose::identity();
     };
     let problem = Problem::new(estimate, truth);
-    let mut found: Vec<Pose> = problem
-        .starts()
-        .into_iter()
-        .flat_map(|start| {
-            let plain = problem.minimise(start, None);
-            let scale = 1.5 * problem.median_distance(&plain);
-            [plain, problem.minimise(plain, Some(scale))]
-        })
-        .collect();
-    // Few points decide which results are worth the full comparison.
+    let mut found: Vec<Pose> =
+        problem.starts().into_iter().map(|start| problem.minimise(start, None)).collect();
+    // The few points used so far decide which results are worth the full comparison.
     found.sort_by(|a, b| problem.greatest_distance(a).total_cmp(&problem.greatest_distance(b)));
     let mut best = Pose::identity();
-    for pose in found.into_iter().take(3) {
+    let robust = found.first().map(|pose| {
+        let scale = 1.5 * problem.median_distance(pose);
+        problem.minimise(*pose, Some(scale))
+    });
+    for pose in found.into_iter().take(3).chain(robust) {
         if let Some(d) = metrics::compare_at(estimate, &pose, truth)
             && d.hausdorff < least
         {
@@ -79,8 +79,9 @@ impl<'a> Problem<'a> {
         let centroid = |samples: &[(Point, Point)]| {
             samples.iter().map(|s| s.0).sum::<Point>() / samples.len().max(1) as f64
         };
-        let from_estimate = estimate.samples(SAMPLES);
-        let from_truth = truth.samples(SAMPLES);
+        let count = SAMPLES[usize::from(truth.dimension() == 3)];
+        let from_estimate = estimate.samples(count);
+        let from_truth = truth.samples(count);
         let centres = (centroid(&from_estimate), centroid(&from_truth));
         Self { estimate, truth, from_estimate, from_truth, centres }
     }
@@ -187,7 +188,7 @@ impl<'a> Problem<'a> {
             let tried_residuals = self.residuals(&tried);
             let tried_cost = Self::cost(&tried_residuals, scale);
             if tried_cost < cost {
-                let settled = cost - tried_cost < 1e-6 * cost;
+                let settled = cost - tried_cost < 1e-5 * cost || step.norm() < SETTLED;
                 (pose, residuals, cost) = (tried, tried_residuals, tried_cost);
                 damping = (damping * 0.2).max(1e-9);
                 if settled {
@@ -207,24 +208,13 @@ impl<'a> Problem<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shape::{Mesh, Outline};
+    use crate::shape::Outline;
+    use crate::shape::mesh::tests::cuboid;
     use crate::space::planar;
 
     fn rectangle(a: f64, b: f64) -> Geometry {
         let vertices = vec![[-a, -b], [a, -b], [a, b], [-a, b]];
         Geometry::Outline(Outline { loops: vec![vertices] })
-    }
-
-    fn cuboid(a: f64, b: f64, c: f64) -> Geometry {
-        let sign = |i: u32, bit: u32| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
-        let vertices = (0..8)
-            .map(|i| Point::new(a * sign(i, 0), b * sign(i, 1), c * sign(i, 2)))
-            .collect();
-        let faces =
-            [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-        let triangles =
-            faces.iter().flat_map(|f| [[f[0], f[1], f[2]], [f[0], f[2], f[3]]]).collect();
-        Geometry::Mesh(Mesh { vertices, triangles })
     }
 
     fn assert_close(found: &Pose, expected: &Pose) {
@@ -246,7 +236,7 @@ mod tests {
 
     #[test]
     fn a_displaced_mesh_is_put_back() {
-        let truth = cuboid(0.06, 0.04, 0.03);
+        let truth = Geometry::Mesh(cuboid([0.06, 0.04, 0.03]));
         let displaced = Pose::new(Point::new(0.006, -0.004, 0.005), Point::new(0.1, -0.05, 0.12));
         assert_close(&align(&truth.transformed(&displaced), &truth), &displaced.inverse());
     }
@@ -282,7 +272,10 @@ mod tests {
     fn what_cannot_be_compared_stays_where_it_is() {
         let nothing = Geometry::Outline(Outline { loops: vec![] });
         assert_eq!(align(&nothing, &rectangle(0.1, 0.1)), Pose::identity());
-        assert_eq!(align(&cuboid(0.1, 0.1, 0.1), &rectangle(0.1, 0.1)), Pose::identity());
+        assert_eq!(
+            align(&Geometry::Mesh(cuboid([0.1, 0.1, 0.1])), &rectangle(0.1, 0.1)),
+            Pose::identity()
+        );
     }
 
     #[test]

@@ -173,7 +173,10 @@ mod tests {
         assert!(matches!(Lattice::new((a, b), f64::NAN, 2), Err(LatticeError::Spacing(_))));
         assert!(matches!(Lattice::new((b, a), 0.01, 3), Err(LatticeError::Bounds { .. })));
         assert!(matches!(Lattice::new((a, b), 1e-6, 3), Err(LatticeError::Nodes(_))));
-        assert!(matches!(Lattice::new((a, b * f64::NAN), 1e-2, 2), Err(LatticeError::Bounds { .. })));
+        assert!(matches!(
+            Lattice::new((a, b * f64::NAN), 1e-2, 2),
+            Err(LatticeError::Bounds { .. })
+        ));
     }
 
     #[test]
@@ -193,7 +196,8 @@ mod tests {
 
     #[test]
     fn batches_keep_their_order() {
-        let points: Vec<Point> = (0..1000).map(|i| Point::new(i as f64, -(i as f64), 0.0)).collect();
+        let points: Vec<Point> =
+            (0..1000).map(|i| Point::new(i as f64, -(i as f64), 0.0)).collect();
         assert!(values_at(&Slope, &points).iter().enumerate().all(|(i, v)| *v == i as f64));
         assert!(deviations_at(&Slope, &points).iter().enumerate().all(|(i, v)| *v == -(i as f64)));
     }

@@ -58,6 +58,14 @@ impl Geometry {
         }
     }
 
+    /// The point of the surface nearest to `point`; `point` itself when there is no surface.
+    pub fn closest(&self, point: &Point) -> Point {
+        match self {
+            Geometry::Outline(o) => o.closest(point),
+            Geometry::Mesh(m) => m.closest(point),
+        }
+    }
+
     /// Least and greatest corner of the axis-aligned bounding box.
     pub fn bounds(&self) -> (Point, Point) {
         match self {

@@ -69,7 +69,8 @@ pub fn extract(
         nets.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
     let (vertices, triangles) = collapse(vertices, triangles, SHORTEST * spacing);
     let deviations = deviations_at(field, &vertices);
-    Ok(Surface { mesh: Mesh { vertices, triangles }, deviations, clipped: samples.clipped })
+    let mesh = Mesh::trusted(vertices, triangles);
+    Ok(Surface { mesh, deviations, clipped: samples.clipped })
 }
 
 impl Surface {
@@ -79,12 +80,12 @@ impl Surface {
     pub fn touched(&self, contacts: &[Point]) -> Surface {
         let (component, count) = self.components();
         let mut clouds = vec![Vec::new(); count];
-        for (vertex, c) in self.mesh.vertices.iter().zip(&component) {
+        for (vertex, c) in self.mesh.vertices().iter().zip(&component) {
             clouds[*c].push(*vertex);
         }
         let mut volumes = vec![0.0; count];
-        for t in &self.mesh.triangles {
-            let [a, b, c] = t.map(|v| self.mesh.vertices[v as usize]);
+        for t in self.mesh.triangles() {
+            let [a, b, c] = t.map(|v| self.mesh.vertices()[v as usize]);
             volumes[component[t[0] as usize]] += a.dot(&b.cross(&c)) / 6.0;
         }
         let keep = components_touched(&clouds, &volumes, contacts);
@@ -94,13 +95,13 @@ impl Surface {
         for (v, c) in component.iter().enumerate() {
             if keep[*c] {
                 renamed[v] = vertices.len() as u32;
-                vertices.push(self.mesh.vertices[v]);
+                vertices.push(self.mesh.vertices()[v]);
                 deviations.push(self.deviations[v]);
             }
         }
-        let kept = self.mesh.triangles.iter().filter(|t| keep[component[t[0] as usize]]);
+        let kept = self.mesh.triangles().iter().filter(|t| keep[component[t[0] as usize]]);
         let triangles = kept.map(|t| t.map(|v| renamed[v as usize])).collect();
-        Surface { mesh: Mesh { vertices, triangles }, deviations, clipped: self.clipped }
+        Surface { mesh: Mesh::trusted(vertices, triangles), deviations, clipped: self.clipped }
     }
 
     /// Only the component around the largest volume.
@@ -110,13 +111,13 @@ impl Surface {
 
     /// The connected component of each vertex, and how many there are.
     fn components(&self) -> (Vec<usize>, usize) {
-        let mut groups = Groups::new(self.mesh.vertices.len());
-        for t in &self.mesh.triangles {
+        let mut groups = Groups::new(self.mesh.vertices().len());
+        for t in self.mesh.triangles() {
             groups.join(t[0], t[1]);
             groups.join(t[0], t[2]);
         }
         let mut numbers = HashMap::new();
-        let component = (0..self.mesh.vertices.len() as u32)
+        let component = (0..self.mesh.vertices().len() as u32)
             .map(|v| {
                 let next = numbers.len();
                 *numbers.entry(groups.root(v)).or_insert(next)
@@ -280,7 +281,7 @@ mod tests {
 
     fn assert_closed(mesh: &Mesh) {
         let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
-        for t in &mesh.triangles {
+        for t in mesh.triangles() {
             for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
                 *edges.entry((a, b)).or_default() += 1;
                 *edges.entry((b, a)).or_default() -= 1;
@@ -289,23 +290,15 @@ mod tests {
         assert!(edges.values().all(|n| *n == 0));
     }
 
-    fn volume(mesh: &Mesh) -> f64 {
-        let six = mesh.triangles.iter().map(|t| {
-            let [a, b, c] = t.map(|v| mesh.vertices[v as usize]);
-            a.dot(&b.cross(&c))
-        });
-        six.sum::<f64>() / 6.0
-    }
-
     fn euler(mesh: &Mesh) -> i64 {
-        let vertices = mesh.vertices.len() as i64;
-        let faces = mesh.triangles.len() as i64;
+        let vertices = mesh.vertices().len() as i64;
+        let faces = mesh.triangles().len() as i64;
         vertices - faces * 3 / 2 + faces
     }
 
     fn smallest_area(mesh: &Mesh) -> f64 {
-        let areas = mesh.triangles.iter().map(|t| {
-            let [a, b, c] = t.map(|v| mesh.vertices[v as usize]);
+        let areas = mesh.triangles().iter().map(|t| {
+            let [a, b, c] = t.map(|v| mesh.vertices()[v as usize]);
             (b - a).cross(&(c - a)).norm() / 2.0
         });
         areas.fold(f64::INFINITY, f64::min)
@@ -321,14 +314,14 @@ mod tests {
         assert_closed(&surface.mesh);
         assert_eq!(euler(&surface.mesh), 2);
         assert!(!surface.clipped);
-        for v in &surface.mesh.vertices {
+        for v in surface.mesh.vertices() {
             assert!((v.norm() - 0.05).abs() < 1e-6);
         }
         let exact = 4.0 / 3.0 * std::f64::consts::PI * 0.05_f64.powi(3);
-        let ratio = volume(&surface.mesh) / exact;
+        let ratio = surface.mesh.volume() / exact;
         assert!(ratio < 1.0 && ratio > 0.985, "{ratio}");
-        assert_eq!(surface.deviations.len(), surface.mesh.vertices.len());
-        assert_eq!(surface.deviations[7], surface.mesh.vertices[7].z.abs());
+        assert_eq!(surface.deviations.len(), surface.mesh.vertices().len());
+        assert_eq!(surface.deviations[7], surface.mesh.vertices()[7].z.abs());
     }
 
     #[test]
@@ -336,11 +329,11 @@ mod tests {
         let surface = trace(torus, 0.06, 0.004);
         assert_closed(&surface.mesh);
         assert_eq!(euler(&surface.mesh), 0);
-        for v in &surface.mesh.vertices {
+        for v in surface.mesh.vertices() {
             assert!(torus(v).abs() < 1e-6, "{v:?} {}", torus(v));
         }
         let exact = 2.0 * std::f64::consts::PI.powi(2) * 0.04 * 0.015 * 0.015;
-        assert!((volume(&surface.mesh) / exact - 1.0).abs() < 0.04);
+        assert!((surface.mesh.volume() / exact - 1.0).abs() < 0.04);
         assert!(smallest_area(&surface.mesh) > 1e-9 * 0.004 * 0.004);
     }
 
@@ -352,7 +345,7 @@ mod tests {
         };
         let surface = trace(f, 0.06, 0.003);
         assert_closed(&surface.mesh);
-        let worst = surface.mesh.vertices.iter().map(|v| f(v).abs()).fold(0.0, f64::max);
+        let worst = surface.mesh.vertices().iter().map(|v| f(v).abs()).fold(0.0, f64::max);
         assert!(worst < 1e-6, "{worst}");
     }
 
@@ -364,7 +357,7 @@ mod tests {
         assert_closed(&surface.mesh);
         assert_eq!(euler(&surface.mesh), 2);
         assert!(smallest_area(&surface.mesh) > 0.0);
-        assert!((volume(&surface.mesh) / (0.1 * 0.06 * 0.04) - 1.0).abs() < 0.03);
+        assert!((surface.mesh.volume() / (0.1 * 0.06 * 0.04) - 1.0).abs() < 0.03);
     }
 
     #[test]
@@ -372,14 +365,14 @@ mod tests {
         let surface = trace(|p| p.x, 0.02, 0.004);
         assert!(surface.clipped);
         assert_closed(&surface.mesh);
-        assert!(volume(&surface.mesh) > 0.0);
+        assert!(surface.mesh.volume() > 0.0);
     }
 
     #[test]
     fn nothing_and_not_a_number_are_empty_meshes() {
-        assert!(trace(|_| 1.0, 0.02, 0.004).mesh.triangles.is_empty());
+        assert!(trace(|_| 1.0, 0.02, 0.004).mesh.triangles().is_empty());
         let surface = trace(|_| f64::NAN, 0.02, 0.004);
-        assert!(surface.mesh.vertices.is_empty() && surface.deviations.is_empty());
+        assert!(surface.mesh.vertices().is_empty() && surface.deviations.is_empty());
     }
 
     #[test]
@@ -390,19 +383,20 @@ mod tests {
             small.min(large)
         };
         let surface = trace(two, 0.06, 0.004);
-        let small = surface.touched(&[Point::new(-0.03, 0.0125, 0.0), Point::new(-0.042, 0.0, 0.0)]);
+        let small =
+            surface.touched(&[Point::new(-0.03, 0.0125, 0.0), Point::new(-0.042, 0.0, 0.0)]);
         assert_closed(&small.mesh);
         assert_eq!(euler(&small.mesh), 2);
-        assert!(small.mesh.vertices.iter().all(|v| v.x < 0.0));
-        assert_eq!(small.deviations.len(), small.mesh.vertices.len());
-        assert_eq!(small.deviations[5], small.mesh.vertices[5].z.abs());
-        assert!(surface.largest().mesh.vertices.iter().all(|v| v.x > 0.0));
+        assert!(small.mesh.vertices().iter().all(|v| v.x < 0.0));
+        assert_eq!(small.deviations.len(), small.mesh.vertices().len());
+        assert_eq!(small.deviations[5], small.mesh.vertices()[5].z.abs());
+        assert!(surface.largest().mesh.vertices().iter().all(|v| v.x > 0.0));
     }
 
     #[test]
     fn the_same_field_gives_the_same_mesh() {
         let (a, b) = (trace(torus, 0.06, 0.005), trace(torus, 0.06, 0.005));
-        assert_eq!(a.mesh.vertices, b.mesh.vertices);
-        assert_eq!(a.mesh.triangles, b.mesh.triangles);
+        assert_eq!(a.mesh.vertices(), b.mesh.vertices());
+        assert_eq!(a.mesh.triangles(), b.mesh.triangles());
     }
 }

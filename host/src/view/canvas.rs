@@ -4,7 +4,7 @@
 use ab_glyph::{Font, FontRef, GlyphId, OutlineCurve};
 use tiny_skia::{
     FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, PixmapPaint, Rect, Stroke,
-    StrokeDash, Transform,
+    Transform,
 };
 
 use super::colour::Colour;
@@ -134,14 +134,14 @@ impl Canvas {
     }
 
     pub fn ring(&mut self, centre: Pixel, radius: f32, width: f32, colour: Colour) {
-        self.stroke(PathBuilder::from_circle(centre[0], centre[1], radius), width, None, colour);
+        self.stroke(PathBuilder::from_circle(centre[0], centre[1], radius), width, colour);
     }
 
     /// Lines from vertex to vertex with round ends.
     pub fn line(&mut self, vertices: &[Pixel], width: f32, colour: Colour) {
         let mut path = PathBuilder::new();
         add_polyline(&mut path, vertices);
-        self.stroke(path.finish(), width, None, colour);
+        self.stroke(path.finish(), width, colour);
     }
 
     /// Like [`Canvas::line`], back to the first vertex.
@@ -149,14 +149,7 @@ impl Canvas {
         let mut path = PathBuilder::new();
         add_polyline(&mut path, vertices);
         path.close();
-        self.stroke(path.finish(), width, None, colour);
-    }
-
-    /// Like [`Canvas::line`], in dashes of `dash` pixels.
-    pub fn dashed_line(&mut self, vertices: &[Pixel], width: f32, dash: f32, colour: Colour) {
-        let mut path = PathBuilder::new();
-        add_polyline(&mut path, vertices);
-        self.stroke(path.finish(), width, StrokeDash::new(vec![dash, dash], 0.0), colour);
+        self.stroke(path.finish(), width, colour);
     }
 
     /// Lays another picture (straight RGBA, row by row) over this one.
@@ -221,18 +214,10 @@ impl Canvas {
         }
     }
 
-    fn stroke(
-        &mut self,
-        path: Option<Path>,
-        width: f32,
-        dash: Option<StrokeDash>,
-        colour: Colour,
-    ) {
+    fn stroke(&mut self, path: Option<Path>, width: f32, colour: Colour) {
         if let Some(path) = path {
-            // Dashes with round ends would run together.
-            let line_cap = if dash.is_some() { LineCap::Butt } else { LineCap::Round };
-            let line_join = LineJoin::Round;
-            let stroke = Stroke { width, line_cap, line_join, dash, ..Stroke::default() };
+            let (line_cap, line_join) = (LineCap::Round, LineJoin::Round);
+            let stroke = Stroke { width, line_cap, line_join, ..Stroke::default() };
             self.pixmap.stroke_path(&path, &paint(colour), &stroke, Transform::identity(), None);
         }
     }

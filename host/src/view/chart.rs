@@ -4,13 +4,17 @@
 use super::canvas::{Anchor, Canvas, Frame, Pixel, Style};
 use super::colour::{self, GRID, INK, PANEL, QUIET, ROTATION, TRANSLATION};
 
-/// About `count` round steps from 0 or below `least` to `greatest`.
+/// At most `count` round steps between `least` and `greatest`.
 pub(super) fn ticks(least: f64, greatest: f64, count: usize) -> Vec<f64> {
-    let span = greatest - least;
-    if !(span.is_finite() && span > 0.0) {
+    ticks_by(round_step((greatest - least) / count.max(1) as f64), least, greatest)
+}
+
+/// The multiples of `step` between `least` and `greatest`; `least` if there are no such limits.
+pub(super) fn ticks_by(step: f64, least: f64, greatest: f64) -> Vec<f64> {
+    let count = (greatest - least) / step;
+    if !(count.is_finite() && count < 1e3) {
         return vec![least];
     }
-    let step = round_step(span / count.max(1) as f64);
     let first = (least / step).ceil() as i64;
     let last = (greatest / step + 1e-9).floor() as i64;
     (first..=last).map(|i| i as f64 * step).collect()
@@ -25,6 +29,9 @@ pub(super) fn round_step(raw: f64) -> f64 {
 
 /// A number as an axis shows it: no more decimals than it needs, a true minus sign.
 pub(super) fn label(value: f64) -> String {
+    if value.abs() >= 1e5 {
+        return format!("{value:.1e}");
+    }
     let text = format!("{:.3}", value.abs());
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if value < 0.0 && text != "0" { format!("−{text}") } else { text.into() }
@@ -51,13 +58,11 @@ pub(super) fn pose_errors(canvas: &mut Canvas, frame: &Frame, errors: &[(f64, f6
         ("translation, mm", TRANSLATION, errors.iter().map(|e| e.0).collect::<Vec<_>>()),
         ("rotation, °", ROTATION, errors.iter().map(|e| e.1).collect()),
     ];
-    let column = |i: usize| {
-        plot.left + plot.width * (i as f32 + 0.5) / errors.len().max(1) as f32
-    };
+    let column = |i: usize| plot.left + plot.width * (i as f32 + 0.5) / errors.len().max(1) as f32;
     for (side, (name, colour, values)) in series.iter().enumerate() {
         let finite = values.iter().copied().filter(|v| v.is_finite());
         let end = axis_end(finite.fold(0.0, f64::max));
-        let row = |v: f64| plot.bottom() - plot.height * (v / end) as f32;
+        let row = |v: f64| plot.bottom() - plot.height * (v / end).clamp(0.0, 1.0) as f32;
         for tick in ticks(0.0, end, 4) {
             let y = row(tick);
             if side == 0 {
@@ -147,5 +152,6 @@ mod tests {
         assert_eq!(label(-2.50), "−2.5");
         assert_eq!(label(-0.0), "0");
         assert_eq!(label(120.0), "120");
+        assert_eq!(label(2.5e12), "2.5e12");
     }
 }

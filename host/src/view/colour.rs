@@ -7,8 +7,8 @@ pub(super) struct Colour(pub [f32; 4]);
 impl Colour {
     /// Opaque, from 0xRRGGBB.
     pub const fn hex(rgb: u32) -> Self {
-        let part = |shift: u32| ((rgb >> shift) & 0xff) as f32 / 255.0;
-        Self([part(16), part(8), part(0), 1.0])
+        let (r, g, b) = (rgb >> 16 & 0xff, rgb >> 8 & 0xff, rgb & 0xff);
+        Self([r as f32 / 255.0, g as f32 / 255.0, b as f32 / 255.0, 1.0])
     }
 
     /// Between `self` (0) and `other` (1).
@@ -60,7 +60,8 @@ pub(super) fn uncertainty(share: f64) -> Colour {
 
 /// The colour of a grasp: light pink for the first, dark violet for the last.
 pub(super) fn grasp(index: usize, count: usize) -> Colour {
-    const STOPS: [Colour; 3] = [Colour::hex(0xf5a3d0), Colour::hex(0xb44fc0), Colour::hex(0x3d1278)];
+    const STOPS: [Colour; 3] =
+        [Colour::hex(0xf5a3d0), Colour::hex(0xb44fc0), Colour::hex(0x3d1278)];
     along(&STOPS, index as f64 / count.saturating_sub(1).max(1) as f64)
 }
 

@@ -26,23 +26,18 @@ pub(super) fn draw(
     canvas.fill_card(frame, 10.0, PANEL);
     let wide = frame.width * 0.62;
     let half = frame.height / 2.0;
-    let small = Frame {
-        left: frame.left + wide,
-        top: frame.top,
-        width: frame.width - wide,
-        height: half,
-    };
+    let small =
+        Frame { left: frame.left + wide, top: frame.top, width: frame.width - wide, height: half };
     let views = [
-        ("", Point::new(0.75, -1.0, 0.65), Frame { width: wide, ..*frame }),
-        ("from behind and below", Point::new(-0.75, 1.0, -0.65), small),
+        ("from the front, above", Point::new(0.75, -1.0, 0.65), Frame { width: wide, ..*frame }),
+        ("from behind, below", Point::new(-0.75, 1.0, -0.65), small),
         ("from above", Point::z(), Frame { top: frame.top + half, ..small }),
     ];
     let normals = vertex_normals(estimate);
     let edges = truth.map(edges).unwrap_or_default();
     for (name, towards, frame) in views {
         let camera = Camera::new(towards, shown.bounds, frame.inset(46.0, 50.0, 46.0, 50.0));
-        let whole = Camera { frame, ..camera };
-        let raster = paint(canvas, &whole, &camera, shown, estimate, &normals);
+        let raster = paint(canvas, &frame, &camera, shown, estimate, &normals);
         let slack = SLACK * (shown.bounds.1 - shown.bounds.0).norm();
         let scene = Scene { camera, raster, slack };
         for edge in edges.iter().filter(|e| e.sharp || e.is_silhouette(&camera)) {
@@ -50,9 +45,7 @@ pub(super) fn draw(
         }
         // The nearest contacts last, over those behind.
         let mut touches: Vec<&Touch> = shown.touches.iter().collect();
-        touches.sort_by(|a, b| {
-            camera.project(&a.point).1.total_cmp(&camera.project(&b.point).1)
-        });
+        touches.sort_by(|a, b| camera.project(&a.point).1.total_cmp(&camera.project(&b.point).1));
         for touch in touches {
             scene.contact(canvas, touch, shown.grasps);
         }
@@ -104,7 +97,7 @@ impl Scene {
         let (at, depth) = self.camera.project(&touch.point);
         let tint = colour::grasp(touch.grasp, grasps);
         if self.raster.hides(at, depth, 1.5 * self.slack) {
-            canvas.ring(at, 3.6, 1.4, tint.faded(0.45));
+            canvas.ring(at, 3.6, 1.4, tint.faded(0.35));
             return;
         }
         if let Some(normal) = touch.normal {
@@ -122,17 +115,17 @@ impl Scene {
 /// Draws the estimated mesh and returns the buffer that knows what it hides.
 fn paint(
     canvas: &mut Canvas,
-    whole: &Camera,
+    frame: &Frame,
     camera: &Camera,
     shown: &Shown,
     mesh: &Mesh,
     normals: &[Point],
 ) -> Raster {
-    let mut raster = Raster::new(whole.frame);
-    for t in &mesh.triangles {
+    let mut raster = Raster::new(*frame);
+    for t in mesh.triangles() {
         let corner = |v: u32| {
             let i = v as usize;
-            let point = mesh.vertices.get(i)?;
+            let point = mesh.vertices().get(i)?;
             let (pixel, depth) = camera.project(point);
             let tint = colour::uncertainty(shown.deviation(i) / shown.scale_end);
             let light = normals.get(i).map_or(1.0, |n| camera.brightness(n));
@@ -143,14 +136,14 @@ fn paint(
         }
     }
     let (width, rows) = raster.picture();
-    canvas.overlay(whole.frame.left.round() as i32, whole.frame.top.round() as i32, width, &rows);
+    canvas.overlay(frame.left.round() as i32, frame.top.round() as i32, width, &rows);
     raster
 }
 
 /// Unit normals at the vertices, faces weighing by their area.
 fn vertex_normals(mesh: &Mesh) -> Vec<Point> {
-    let mut sums = vec![Point::zeros(); mesh.vertices.len()];
-    for t in &mesh.triangles {
+    let mut sums = vec![Point::zeros(); mesh.vertices().len()];
+    for t in mesh.triangles() {
         let Some(normal) = area_normal(mesh, t) else { continue };
         for v in t {
             sums[*v as usize] += normal;
@@ -161,7 +154,7 @@ fn vertex_normals(mesh: &Mesh) -> Vec<Point> {
 
 /// Twice the area along the outward normal; `None` for indices out of range.
 fn area_normal(mesh: &Mesh, t: &[u32; 3]) -> Option<Point> {
-    let corner = |i: usize| mesh.vertices.get(t[i] as usize);
+    let corner = |i: usize| mesh.vertices().get(t[i] as usize);
     let (a, b, c) = (corner(0)?, corner(1)?, corner(2)?);
     Some((b - a).cross(&(c - a)))
 }
@@ -183,19 +176,19 @@ impl Edge {
 /// All edges of a mesh. Vertices in one place count as one, as meshes from triangle soups need.
 fn edges(mesh: &Mesh) -> Vec<Edge> {
     let place = |v: u32| {
-        let p = mesh.vertices[v as usize];
+        let p = mesh.vertices()[v as usize];
         [p.x, p.y, p.z].map(|c| (c * 1e7).round() as i64)
     };
     let mut found: HashMap<[[i64; 3]; 2], usize> = HashMap::new();
     let mut edges: Vec<Edge> = Vec::new();
-    for t in &mesh.triangles {
+    for t in mesh.triangles() {
         let normal = area_normal(mesh, t).and_then(|n| n.try_normalize(1e-18));
         let Some(normal) = normal else { continue };
         for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
             let mut key = [place(a), place(b)];
             key.sort_unstable();
             let at = *found.entry(key).or_insert_with(|| {
-                let ends = [mesh.vertices[a as usize], mesh.vertices[b as usize]];
+                let ends = [mesh.vertices()[a as usize], mesh.vertices()[b as usize]];
                 edges.push(Edge { ends, normals: Vec::new(), sharp: false });
                 edges.len() - 1
             });

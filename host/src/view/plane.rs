@@ -1,7 +1,7 @@
 //! The planar picture: outlines, their uncertainty and the contacts on millimetre axes.
 
 use super::canvas::{Anchor, Canvas, Frame, Pixel, Style};
-use super::chart::{label, ticks};
+use super::chart::{label, round_step, ticks_by};
 use super::colour::{self, GRID, INK, PANEL, PAPER, QUIET, TRUTH};
 use super::summary::{Shown, Touch};
 use crate::shape::Outline;
@@ -67,18 +67,18 @@ pub(super) fn draw(
 fn axes(canvas: &mut Canvas, view: &View) {
     let Frame { left, top, .. } = view.frame;
     let (right, bottom) = (view.frame.right(), view.frame.bottom());
-    let half = Point::new(view.frame.width.into(), view.frame.height.into(), 0.0) / 2.0 / view.scale;
+    let half =
+        Point::new(view.frame.width.into(), view.frame.height.into(), 0.0) / 2.0 / view.scale;
     let (least, greatest) = ((view.middle - half) * 1e3, (view.middle + half) * 1e3);
     // One step for both axes, so that the grid is square.
-    let count = (greatest.x - least.x) / super::chart::round_step((greatest.x - least.x) / 8.0);
-    for x in ticks(least.x, greatest.x, count as usize) {
+    let step = round_step((greatest.x - least.x) / 9.0);
+    for x in ticks_by(step, least.x, greatest.x) {
         let at = view.pixel(&Point::new(x / 1e3, 0.0, 0.0))[0];
         canvas.line(&[[at, top], [at, bottom]], 1.0, GRID);
         let style = Style::new(14.0, QUIET).anchored(Anchor::Middle);
         canvas.text([at, bottom + 20.0], style, &label(x));
     }
-    let share = (greatest.y - least.y) / (greatest.x - least.x);
-    for y in ticks(least.y, greatest.y, (count * share).round() as usize) {
+    for y in ticks_by(step, least.y, greatest.y) {
         let at = view.pixel(&Point::new(0.0, y / 1e3, 0.0))[1];
         canvas.line(&[[left, at], [right, at]], 1.0, GRID);
         let style = Style::new(14.0, QUIET).anchored(Anchor::End);

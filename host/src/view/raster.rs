@@ -17,7 +17,7 @@ pub(super) struct Camera {
     middle: Point,
     /// Pixels per metre.
     pub scale: f64,
-    pub frame: Frame,
+    frame: Frame,
 }
 
 impl Camera {
@@ -58,7 +58,7 @@ impl Camera {
     /// and some light from everywhere.
     pub fn brightness(&self, normal: &Point) -> f32 {
         let lamp = (self.towards + self.up * 0.8 - self.right * 0.6).normalize();
-        (0.58 + 0.5 * normal.dot(&lamp).max(0.0)) as f32
+        (0.70 + 0.42 * normal.dot(&lamp).max(0.0)) as f32
     }
 }
 
@@ -95,10 +95,7 @@ impl Raster {
     /// Picture pixels to samples.
     fn sample(&self, pixel: Pixel) -> [f64; 2] {
         let fine = OVERSAMPLING as f64;
-        [
-            f64::from(pixel[0] - self.frame.left) * fine,
-            f64::from(pixel[1] - self.frame.top) * fine,
-        ]
+        [f64::from(pixel[0] - self.frame.left) * fine, f64::from(pixel[1] - self.frame.top) * fine]
     }
 
     /// Fills a triangle, interpolating its corners, where it is nearest to the viewer.
@@ -208,7 +205,7 @@ mod tests {
         for order in [[0, 1], [1, 0]] {
             let both = [triangle(0.0, red), triangle(0.5, blue)];
             let mut raster = Raster::new(FRAME);
-            order.map(|i| raster.triangle(both[i]));
+            order.iter().for_each(|i| raster.triangle(both[*i]));
             let (width, rows) = raster.picture();
             assert_eq!((width, rows.len()), (40, 1600));
             assert_eq!(rows[5 * 40 + 5], [0.0, 0.0, 1.0, 1.0]);

@@ -165,9 +165,8 @@ impl Report {
             _ => None,
         };
         let plain = shapes.as_ref().and_then(|(e, t)| metrics::compare(e, t));
-        let aligned = shapes.as_ref().and_then(|(e, t)| {
-            metrics::compare_at(e, &align::align(e, t), t)
-        });
+        let aligned =
+            shapes.as_ref().and_then(|(e, t)| metrics::compare_at(e, &align::align(e, t), t));
         let millimetres = |metres: f64| rounded(metres * 1e3);
         Report {
             grasps: run.grasps.len(),
@@ -195,10 +194,7 @@ impl Report {
                     })
                     .collect(),
             },
-            contact_rms_mm: run
-                .estimate
-                .and_then(|e| contact_rms(run.grasps, e))
-                .map(millimetres),
+            contact_rms_mm: run.estimate.and_then(|e| contact_rms(run.grasps, e)).map(millimetres),
             seconds: run.seconds.iter().map(|(k, s)| (k.to_string(), rounded(*s))).collect(),
             lost: run.grasps.iter().filter(|g| g.lost).map(|g| g.index).collect(),
         }
@@ -237,9 +233,8 @@ impl fmt::Display for Report {
             "{} grasps, {} contacts, {}D, tracker {}, surface {}",
             self.grasps, self.contacts, self.dimension, self.tracker, self.surface.model
         )?;
-        let mut row = |name: &str, value: String, note: &str| {
-            writeln!(f, "  {name:<22}{value:>12}  {note}")
-        };
+        let mut row =
+            |name: &str, value: String, note: &str| writeln!(f, "  {name:<22}{value:>12}  {note}");
         let s = &self.surface;
         row("shape, Hausdorff", show(s.hausdorff_aligned_mm, "mm"), "after the best alignment")?;
         row("", show(s.hausdorff_mm, "mm"), "in the object frame")?;
@@ -407,6 +402,7 @@ mod tests {
             seconds: &[("track", 1.5)],
         });
         let text = report.to_string();
+        eprintln!("{text}");
         assert!(text.starts_with("2 grasps, 2 contacts, 2D, tracker bootstrap, surface gp\n"));
         assert!(text.contains("3.00 mm") && text.contains("2.00 °") && text.contains("1.50 s"));
         assert!(text.contains("lost grasps") && text.contains('–'));

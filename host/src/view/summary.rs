@@ -85,9 +85,8 @@ impl Shown {
         // Contacts may widen the picture by a quarter of the object; those farther out are
         // outliers and must not shrink everything else.
         let room = (0.25 * (greatest - least).norm()).max(0.01);
-        let near = |p: &Point| {
-            (0..3).all(|a| p[a] >= least[a] - room && p[a] <= greatest[a] + room)
-        };
+        let near =
+            |p: &Point| (0..3).all(|a| p[a] >= least[a] - room && p[a] <= greatest[a] + room);
         let touches: Vec<Touch> = summary
             .contacts
             .iter()
@@ -185,7 +184,7 @@ fn legend(canvas: &mut Canvas, frame: &Frame, summary: &Summary, shown: &Shown) 
     let note = Style::new(13.0, QUIET);
     let mut y = frame.top + 36.0;
 
-    canvas.text([left, y], name, "estimated surface, coloured by its standard deviation");
+    canvas.text([left, y], name, "estimated surface, by standard deviation");
     let end = shown.scale_end * 1e3;
     bar(canvas, Frame { left, top: y + 12.0, width, height: 14.0 }, colour::uncertainty);
     for (share, anchor) in [(0.0, Anchor::Start), (0.5, Anchor::Middle), (1.0, Anchor::End)] {
@@ -198,7 +197,7 @@ fn legend(canvas: &mut Canvas, frame: &Frame, summary: &Summary, shown: &Shown) 
     }
     y += 82.0;
 
-    canvas.text([left, y], name, "contacts, coloured by grasp");
+    canvas.text([left, y], name, "contacts, by grasp");
     bar(canvas, Frame { left, top: y + 12.0, width, height: 14.0 }, |share| {
         let last = shown.grasps.saturating_sub(1);
         colour::grasp((share * last as f64).round() as usize, shown.grasps)
@@ -220,6 +219,13 @@ fn legend(canvas: &mut Canvas, frame: &Frame, summary: &Summary, shown: &Shown) 
             Geometry::Mesh(_) => "true shape (faint where hidden)",
         };
         canvas.text([left + 48.0, y], name, text);
+        y += 30.0;
+    }
+    if let Geometry::Outline(_) = summary.estimate {
+        let pale = colour::uncertainty(0.35);
+        canvas.line(&sample(y), 14.0, pale.mixed(PAPER, 0.72));
+        canvas.line(&sample(y), 5.0, pale);
+        canvas.text([left + 48.0, y], name, "estimate ± 2 standard deviations");
         y += 30.0;
     }
     let unknown = shown.deviations.iter().filter(|d| d.is_nan()).count();
@@ -259,7 +265,7 @@ fn vertices(shape: &Geometry) -> Vec<Point> {
         Geometry::Outline(o) => {
             o.loops.iter().flatten().map(|v| Point::new(v[0], v[1], 0.0)).collect()
         }
-        Geometry::Mesh(m) => m.vertices.clone(),
+        Geometry::Mesh(m) => m.vertices().to_vec(),
     }
 }
 

@@ -1,6 +1,7 @@
 use std::f64::consts::TAU;
 
 use super::*;
+use crate::shape::mesh::tests::cuboid;
 use crate::shape::{Field, Mesh, Outline, contour, surface};
 
 /// A rounded box, bulged a little where nobody has touched it.
@@ -28,17 +29,6 @@ fn rectangle() -> Geometry {
     Geometry::Outline(Outline { loops: vec![vertices] })
 }
 
-fn cuboid(half: Point) -> Geometry {
-    let sign = |i: u32, bit: u32| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
-    let vertices = (0..8)
-        .map(|i| Point::new(sign(i, 0), sign(i, 1), sign(i, 2)).component_mul(&half))
-        .collect();
-    let faces =
-        [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let triangles = faces.iter().flat_map(|f| [[f[0], f[1], f[2]], [f[0], f[2], f[3]]]).collect();
-    Geometry::Mesh(Mesh { vertices, triangles })
-}
-
 fn figures() -> Vec<(String, String)> {
     [
         ("Hausdorff, aligned", "3.2 mm"),
@@ -61,7 +51,11 @@ fn planar() -> Summary {
             let at = (i * 7919 + i / 5 * 31) % loop_.len();
             let (a, b) = (loop_[at], loop_[(at + 1) % loop_.len()]);
             let normal = Point::new(b[1] - a[1], a[0] - b[0], 0.0).normalize();
-            (Point::new(a[0], a[1], 0.0) + normal * 0.001 * f64::from(i as u32).sin(), Some(normal), i / 5)
+            (
+                Point::new(a[0], a[1], 0.0) + normal * 0.001 * f64::from(i as u32).sin(),
+                Some(normal),
+                i / 5,
+            )
         })
         .collect();
     Summary {
@@ -71,7 +65,16 @@ fn planar() -> Summary {
         estimate: Geometry::Outline(traced.outline),
         deviations: traced.deviations,
         contacts,
-        pose_errors: Some(vec![(0.0, 0.0), (1.2, 0.5), (2.6, 1.9), (2.2, 3.1), (1.9, 2.0), (1.4, 1.2), (1.0, 0.8), (1.1, 0.9)]),
+        pose_errors: Some(vec![
+            (0.0, 0.0),
+            (1.2, 0.5),
+            (2.6, 1.9),
+            (2.2, 3.1),
+            (1.9, 2.0),
+            (1.4, 1.2),
+            (1.0, 0.8),
+            (1.1, 0.9),
+        ]),
     }
 }
 
@@ -81,8 +84,8 @@ fn spatial() -> Summary {
     let traced = surface::extract(&Blob { half }, (-corner, corner), 0.003).unwrap();
     let contacts = (0..60)
         .map(|i| {
-            let at = (i * 7919) % traced.mesh.vertices.len();
-            let p = traced.mesh.vertices[at];
+            let at = (i * 7919) % traced.mesh.vertices().len();
+            let p = traced.mesh.vertices()[at];
             let q = p.component_div(&half);
             let axis = q.iamax();
             let mut normal = Point::zeros();
@@ -93,11 +96,13 @@ fn spatial() -> Summary {
     Summary {
         title: "A box of 120 × 60 × 60 mm from 12 grasps".into(),
         figures: figures(),
-        truth: Some(cuboid(half)),
+        truth: Some(Geometry::Mesh(cuboid(half.into()))),
         estimate: Geometry::Mesh(traced.mesh),
         deviations: traced.deviations,
         contacts,
-        pose_errors: Some((0..12).map(|i| (3.0 * f64::from(i).sin().abs(), 0.3 * f64::from(i))).collect()),
+        pose_errors: Some(
+            (0..12).map(|i| (3.0 * f64::from(i).sin().abs(), 0.3 * f64::from(i))).collect(),
+        ),
     }
 }
 
@@ -133,13 +138,14 @@ fn a_planar_summary_shows_truth_estimate_and_contacts() {
     let summary = planar();
     keep("planar.png", &summary);
     let picture = decoded(&summary);
-    assert!(count_near(&picture, TRUTH) > 2_000);
+    let dark = count_near(&picture, TRUTH);
     assert!(count_near(&picture, colour::grasp(7, 8)) > 200);
     let mut blind = summary.clone();
     blind.truth = None;
     blind.contacts.clear();
     let picture = decoded(&blind);
-    assert!(count_near(&picture, TRUTH) < 2_000);
+    let text = count_near(&picture, TRUTH);
+    assert!(dark > text + 1_500, "{dark} {text}");
     assert_eq!(count_near(&picture, colour::grasp(3, 8)), 0);
 }
 
@@ -148,11 +154,7 @@ fn a_spatial_summary_shows_the_mesh_from_three_sides() {
     let summary = spatial();
     keep("spatial.png", &summary);
     let picture = decoded(&summary);
-    let coloured = picture
-        .pixels()
-        .iter()
-        .filter(|p| p.red().abs_diff(p.blue()) > 60)
-        .count();
+    let coloured = picture.pixels().iter().filter(|p| p.red().abs_diff(p.blue()) > 60).count();
     assert!(coloured > 60_000, "{coloured}");
     assert!(count_near(&picture, TRUTH) > 1_000);
 }
@@ -181,7 +183,7 @@ fn a_round_true_mesh_is_drawn_by_its_silhouette() {
         }
     }
     let mut summary = spatial();
-    summary.truth = Some(Geometry::Mesh(Mesh { vertices, triangles }));
+    summary.truth = Some(Geometry::Mesh(Mesh::new(vertices, triangles).unwrap()));
     keep("round.png", &summary);
     decoded(&summary);
 }
@@ -190,7 +192,7 @@ fn a_round_true_mesh_is_drawn_by_its_silhouette() {
 fn nothing_at_all_is_still_a_picture() {
     for estimate in [
         Geometry::Outline(Outline { loops: vec![] }),
-        Geometry::Mesh(Mesh { vertices: vec![], triangles: vec![] }),
+        Geometry::Mesh(Mesh::new(vec![], vec![]).unwrap()),
     ] {
         let mut summary = Summary {
             title: String::new(),
@@ -219,13 +221,18 @@ fn absurd_numbers_do_not_stop_the_picture() {
         summary.pose_errors = Some(vec![(f64::NAN, 1.0), (f64::INFINITY, -3.0), (1e12, 0.0)]);
         summary.title = "…very long title ".repeat(40);
         summary.figures = vec![("figure".repeat(30), "1".repeat(300)); 3];
-        keep(if matches!(summary.estimate, Geometry::Mesh(_)) { "absurd3.png" } else { "absurd.png" }, &summary);
+        keep(
+            if matches!(summary.estimate, Geometry::Mesh(_)) {
+                "absurd3.png"
+            } else {
+                "absurd.png"
+            },
+            &summary,
+        );
         decoded(&summary);
     }
     let mut summary = planar();
     summary.estimate = Geometry::Outline(Outline { loops: vec![vec![[f64::NAN, 0.0]; 5]] });
-    decoded(&summary);
-    summary.estimate = cuboid(Point::new(f64::NAN, 0.1, 0.1));
     decoded(&summary);
 }
 

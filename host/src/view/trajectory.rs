@@ -1,6 +1,6 @@
 //! Trajectories in the TUM format: one line `time tx ty tz qx qy qz qw` per pose.
 
-use std::io::{Error, ErrorKind, Result, Write};
+use std::io::{Error, ErrorKind, Result};
 use std::path::Path;
 
 use crate::log::write::write_atomically;
