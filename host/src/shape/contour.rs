@@ -156,7 +156,7 @@ fn edge_nodes(lattice: &Lattice, edge: u32) -> ([usize; 3], [usize; 3]) {
     let width = lattice.counts()[0];
     let node = edge as usize / 2;
     let (i, j) = (node % width, node / width);
-    if edge % 2 == 0 { ([i, j, 0], [i + 1, j, 0]) } else { ([i, j, 0], [i, j + 1, 0]) }
+    if edge.is_multiple_of(2) { ([i, j, 0], [i + 1, j, 0]) } else { ([i, j, 0], [i, j + 1, 0]) }
 }
 
 /// For every crossed edge the next one along the outline, the object on the left.
@@ -311,6 +311,7 @@ fn cross(field: &dyn Field, lattice: &Lattice, samples: &Samples, edges: &[u32])
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     struct Analytic<F>(F);
 
@@ -441,5 +442,31 @@ mod tests {
         let balanced = [on_left[0], on_left[1], stray, stray];
         assert_eq!(contour.touched(&balanced).outline.loops.len(), 2);
         assert!(contour.largest().outline.loops[0].iter().all(|v| v[0] > 0.0));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+        #[test]
+        fn any_landscape_is_traced_on_the_field_and_around_its_area(
+            waves in proptest::array::uniform4((20.0..90.0, 20.0..90.0, 0.0..6.3)), level in -0.4..0.4,
+        ) {
+            // Islands, lakes and saddles, cut off wherever they reach the edge.
+            let f = |x: f64, y: f64| {
+                let wave = |(a, b, phase): &(f64, f64, f64)| (a * x + phase).sin() * (b * y).cos();
+                0.01 * (waves.iter().map(wave).sum::<f64>() - level)
+            };
+            let contour = trace(f, 0.002);
+            for v in contour.outline.loops.iter().flatten() {
+                let inner = v[0].abs() < 0.0999 && v[1].abs() < 0.0799;
+                prop_assert!(!inner || f(v[0], v[1]).abs() < 1e-6);
+            }
+            let fine = |i: usize, n: usize, half: f64| half * ((2 * i + 1) as f64 / n as f64 - 1.0);
+            let inside = (0..400)
+                .flat_map(|i| (0..320).map(move |j| (i, j)))
+                .filter(|(i, j)| f(fine(*i, 400, 0.1), fine(*j, 320, 0.08)) < 0.0)
+                .count();
+            let expected = inside as f64 * 0.0005 * 0.0005;
+            prop_assert!((contour.outline.area() - expected).abs() < 0.01 * 0.2 * 0.16);
+        }
     }
 }

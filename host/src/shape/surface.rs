@@ -261,6 +261,7 @@ impl Groups {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     struct Analytic<F>(F);
 
@@ -398,5 +399,27 @@ mod tests {
         let (a, b) = (trace(torus, 0.06, 0.005), trace(torus, 0.06, 0.005));
         assert_eq!(a.mesh.vertices(), b.mesh.vertices());
         assert_eq!(a.mesh.triangles(), b.mesh.triangles());
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(12))]
+        #[test]
+        fn any_landscape_is_closed(
+            waves in proptest::array::uniform4((30.0..120.0, 30.0..120.0, 30.0..120.0, 0.0..6.3)),
+        ) {
+            // Far too coarse a lattice: sheets meet, and the object is cut off all around.
+            let f = |p: &Point| {
+                let wave = |(a, b, c, phase): &(f64, f64, f64, f64)| {
+                    (a * p.x + phase).sin() * (b * p.y).cos() * (c * p.z + 0.3).cos()
+                };
+                0.01 * waves.iter().map(wave).sum::<f64>() + 1e-3
+            };
+            let surface = trace(f, 0.06, 0.008);
+            assert_closed(&surface.mesh);
+            prop_assert!(surface.mesh.volume() > 0.0);
+            prop_assert!(smallest_area(&surface.mesh) > 0.0);
+            let touched = surface.touched(&surface.mesh.vertices()[..1]);
+            assert_closed(&touched.mesh);
+        }
     }
 }

@@ -233,8 +233,9 @@ impl fmt::Display for Report {
             "{} grasps, {} contacts, {}D, tracker {}, surface {}",
             self.grasps, self.contacts, self.dimension, self.tracker, self.surface.model
         )?;
-        let mut row =
-            |name: &str, value: String, note: &str| writeln!(f, "  {name:<22}{value:>12}  {note}");
+        let mut row = |name: &str, value: String, note: &str| {
+            writeln!(f, "{}", format!("  {name:<22}{value:>12}  {note}").trim_end())
+        };
         let s = &self.surface;
         row("shape, Hausdorff", show(s.hausdorff_aligned_mm, "mm"), "after the best alignment")?;
         row("", show(s.hausdorff_mm, "mm"), "in the object frame")?;
@@ -402,7 +403,7 @@ mod tests {
             seconds: &[("track", 1.5)],
         });
         let text = report.to_string();
-        eprintln!("{text}");
+        assert!(text.lines().all(|l| l == l.trim_end()), "{text}");
         assert!(text.starts_with("2 grasps, 2 contacts, 2D, tracker bootstrap, surface gp\n"));
         assert!(text.contains("3.00 mm") && text.contains("2.00 °") && text.contains("1.50 s"));
         assert!(text.contains("lost grasps") && text.contains('–'));
