@@ -6,8 +6,35 @@ pub mod push;
 pub mod tracking;
 
 use std::fmt;
+use std::path::PathBuf;
 
 use serde::Serialize;
+
+use crate::log::GraspLog;
+use crate::shape::Geometry;
+use crate::slam::output::{Provenance, conclude};
+use crate::slam::track::Step;
+use crate::view::report::Report;
+
+/// The folder of recordings and meshes that experiments use: `$TACTILE_DATA`, else
+/// `../shared/data` beside the workspace; `None` where neither exists.
+pub fn data() -> Option<PathBuf> {
+    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
+    let folder = std::env::var_os("TACTILE_DATA").map_or_else(|| beside.into(), PathBuf::from);
+    folder.is_dir().then_some(folder)
+}
+
+/// Reconstructs from the poses of `steps` and judges against the truth; `None` when there is nothing
+/// to reconstruct.
+fn evaluate(
+    log: &GraspLog,
+    truth: Option<&Geometry>,
+    steps: Vec<Step>,
+    tracker: &str,
+) -> Option<Report> {
+    let provenance = Provenance { title: "", tracker, tracking_seconds: 0.0 };
+    conclude(log, truth, steps, provenance).ok().map(|outcome| outcome.report)
+}
 
 /// Median and quartiles of a sample, ignoring what is not finite.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -71,6 +98,25 @@ pub struct Row {
     pub success: Option<f64>,
     /// What the thesis or our goal says, in words.
     pub reference: String,
+}
+
+impl Row {
+    /// The row of a case that was run with `seeds` seeds and gave these reports.
+    fn of(case: String, reports: &[Report], seeds: u64) -> Row {
+        let spread =
+            |f: fn(&Report) -> Option<f64>| Spread::of(reports.iter().filter_map(f));
+        let good = |r: &&Report| r.surface.hausdorff_aligned_mm.is_some_and(|h| h < 9.0);
+        Row {
+            case,
+            runs: (reports.len(), seeds as usize),
+            hausdorff_mm: spread(|r| r.surface.hausdorff_aligned_mm),
+            mean_mm: spread(|r| r.surface.mean_mm),
+            pose_mm: spread(|r| r.pose.rms_translation_mm),
+            pose_deg: spread(|r| r.pose.rms_rotation_deg),
+            success: (seeds > 0).then(|| reports.iter().filter(good).count() as f64 / seeds as f64),
+            reference: String::new(),
+        }
+    }
 }
 
 /// An experiment's table, as it is printed.

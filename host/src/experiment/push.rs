@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::experiment::{Row, Spread, Table, evaluate};
+use crate::experiment::{Row, Table, evaluate};
 use crate::log::LogError;
 use crate::log::import::push::{Motion, Normals, log, read};
 use crate::slam::output::true_shape;
@@ -52,19 +52,12 @@ pub fn run(data: Option<&Path>) -> Result<Table, Error> {
         let truth = true_shape(&log).ok().flatten();
         let steps = track::truth(&log).unwrap_or_default();
         let result = evaluate(&log, truth.as_ref(), steps, "truth");
-        let surface = result.as_ref().map(|r| &r.surface);
-        let one = |value: Option<f64>| value.and_then(|v| Spread::of([v]));
         let folder = file.parent().and_then(Path::file_name).unwrap_or_default();
-        rows.push(Row {
-            case: format!("{} ({})", folder.to_string_lossy(), pushes.len()),
-            runs: (usize::from(result.is_some()), 1),
-            hausdorff_mm: one(surface.and_then(|s| s.hausdorff_aligned_mm)),
-            mean_mm: one(surface.and_then(|s| s.mean_mm)),
-            pose_mm: None,
-            pose_deg: None,
-            success: None,
-            reference: "goal: mean ≤ 2.5 mm".into(),
-        });
+        let case = format!("{}, {} pushes", folder.to_string_lossy(), pushes.len());
+        let mut row = Row::of(case, result.as_slice(), 1);
+        (row.pose_mm, row.pose_deg) = (None, None);
+        row.reference = "goal: mean ≤ 2.5 mm".into();
+        rows.push(row);
     }
     Ok(Table { title: "Real pushes on a triangular block, motion-captured poses".into(), rows })
 }
