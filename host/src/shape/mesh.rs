@@ -36,6 +36,11 @@ impl Mesh {
         Ok(Mesh { vertices, triangles, tree: OnceLock::new() })
     }
 
+    /// The mesh of vertices and triangles that are valid by construction.
+    pub(super) fn trusted(vertices: Vec<Point>, triangles: Vec<[u32; 3]>) -> Mesh {
+        Mesh { vertices, triangles, tree: OnceLock::new() }
+    }
+
     /// Metres.
     pub fn vertices(&self) -> &[Point] {
         &self.vertices
@@ -60,6 +65,14 @@ impl Mesh {
     pub fn distance(&self, point: &Point) -> f64 {
         self.tree()
             .map_or(f64::INFINITY, |tree| tree.distance_to_local_point(glam(point), false).abs())
+    }
+
+    /// The point of the surface nearest to `point`; `point` itself when there is none.
+    pub fn closest(&self, point: &Point) -> Point {
+        self.tree().map_or(*point, |tree| {
+            let found = tree.project_local_point(glam(point), false).point;
+            Point::new(found.x, found.y, found.z)
+        })
     }
 
     /// Distance to the surface, metres, negative inside; `None` when the mesh is not watertight

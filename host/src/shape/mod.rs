@@ -4,6 +4,7 @@
 pub mod align;
 pub mod contour;
 pub mod files;
+pub mod lattice;
 pub mod mesh;
 pub mod metrics;
 pub mod outline;
@@ -54,6 +55,14 @@ impl Geometry {
         match self {
             Geometry::Outline(o) => o.distance(point),
             Geometry::Mesh(m) => m.distance(point),
+        }
+    }
+
+    /// The point of the surface nearest to `point`; `point` itself when there is no surface.
+    pub fn closest(&self, point: &Point) -> Point {
+        match self {
+            Geometry::Outline(o) => o.closest(point),
+            Geometry::Mesh(m) => m.closest(point),
         }
     }
 

@@ -74,6 +74,21 @@ impl Outline {
         self.edges().map(|(a, b)| squared_distance(p, a, b)).fold(f64::INFINITY, f64::min).sqrt()
     }
 
+    /// The point of the boundary nearest to `point` (z = 0); `point` itself when there is none.
+    pub fn closest(&self, point: &Point) -> Point {
+        let p = [point.x, point.y];
+        let mut nearest = (f64::INFINITY, *point);
+        for (a, b) in self.edges() {
+            let s = nearest_share(p, a, b);
+            let (x, y) = (a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]));
+            let square = (p[0] - x).powi(2) + (p[1] - y).powi(2);
+            if square < nearest.0 {
+                nearest = (square, Point::new(x, y, 0.0));
+            }
+        }
+        nearest.1
+    }
+
     /// Distance to the boundary, metres, negative inside.
     pub fn signed_distance(&self, point: &Point) -> f64 {
         let distance = self.distance(point);
@@ -186,11 +201,16 @@ fn signed_area(vertices: &[[f64; 2]]) -> f64 {
 }
 
 fn squared_distance(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
+    let s = nearest_share(p, a, b);
+    (p[0] - a[0] - s * (b[0] - a[0])).powi(2) + (p[1] - a[1] - s * (b[1] - a[1])).powi(2)
+}
+
+/// How far along the edge from `a` (0) to `b` (1) the point nearest to `p` lies.
+fn nearest_share(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
     let (edge, to) = ([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]]);
     let length = edge[0] * edge[0] + edge[1] * edge[1];
     let s = if length > 0.0 { (to[0] * edge[0] + to[1] * edge[1]) / length } else { 0.0 };
-    let s = s.clamp(0.0, 1.0);
-    (to[0] - s * edge[0]).powi(2) + (to[1] - s * edge[1]).powi(2)
+    s.clamp(0.0, 1.0)
 }
 
 /// Whether a ray from `p` along +x crosses the polygon an odd number of times.
