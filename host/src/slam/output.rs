@@ -1,13 +1,12 @@
 //! What a run leaves behind: `report.json`, the shape, the trajectory and a picture.
 
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::log::{GraspLog, TrueShape};
-use crate::shape::files::{self, MeshError};
-use crate::shape::outline::OutlineError;
-use crate::shape::{Geometry, Outline};
+use crate::shape::files::{self, FileError};
+use crate::shape::{Geometry, Outline, ShapeError};
 use crate::slam::reconstruct::{self, Reconstruction, reconstruct};
 use crate::slam::track::Step;
 use crate::view::report::{JudgedGrasp, Report, Run, gauge, pose_errors};
@@ -19,10 +18,10 @@ use crate::view::trajectory;
 pub enum TruthError {
     /// The mesh file.
     #[error("truth.shape.mesh: {0}")]
-    Mesh(#[from] MeshError),
+    Mesh(#[from] FileError),
     /// The polygon in the header.
     #[error("truth.shape.polygon: {0}")]
-    Outline(#[from] OutlineError),
+    Outline(#[from] ShapeError),
 }
 
 /// The log's true shape as geometry in the true object frame, `None` where it has none.
@@ -35,7 +34,7 @@ pub fn true_shape(log: &GraspLog) -> Result<Option<Geometry>, TruthError> {
         Some(TrueShape::Polygon(vertices)) => {
             Some(Geometry::Outline(Outline::new(vec![vertices.clone()])?))
         }
-        Some(TrueShape::Mesh { file, .. }) => Some(Geometry::Mesh(files::read(file)?)),
+        Some(TrueShape::Mesh { file, .. }) => Some(Geometry::Mesh(files::read_mesh(file)?)),
     })
 }
 
@@ -162,10 +161,25 @@ fn summarise(
 
 /// A file could not be written.
 #[derive(Debug, thiserror::Error)]
-#[error("{path}: {source}")]
-pub struct WriteError {
-    path: String,
-    source: io::Error,
+pub enum WriteError {
+    /// Report, trajectory, picture or folder.
+    #[error("{}: cannot write: {source}", path.display())]
+    Io {
+        /// Which.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The shape.
+    #[error(transparent)]
+    Shape(#[from] FileError),
+}
+
+impl WriteError {
+    fn at(path: &Path) -> impl FnOnce(io::Error) -> WriteError + use<> {
+        let path = path.to_owned();
+        move |source| WriteError::Io { path, source }
+    }
 }
 
 impl Outcome {
@@ -176,13 +190,9 @@ impl Outcome {
     /// # Errors
     /// Names the file that could not be written.
     pub fn write(&self, folder: &Path) -> Result<(), WriteError> {
-        let at = |path: &Path| {
-            let path = path.display().to_string();
-            move |source: io::Error| WriteError { path, source }
-        };
         let picture = summary::render(&self.summary)
-            .map_err(|e| at(&folder.join("summary.png"))(io::Error::other(e)))?;
-        std::fs::create_dir_all(folder).map_err(at(folder))?;
+            .map_err(|e| WriteError::at(&folder.join("summary.png"))(io::Error::other(e)))?;
+        std::fs::create_dir_all(folder).map_err(WriteError::at(folder))?;
 
         let shape = folder.join(match self.reconstruction.geometry {
             Geometry::Outline(_) => "contour.csv",
@@ -192,18 +202,19 @@ impl Outcome {
             Geometry::Outline(o) => {
                 files::write_contour(&shape, o, Some(&self.reconstruction.deviations))
             }
-            Geometry::Mesh(m) => files::write_ply(&shape, m, Some(&self.reconstruction.deviations)),
-        }
-        .map_err(|e| at(&shape)(io::Error::other(e)))?;
+            Geometry::Mesh(m) => {
+                files::write_ply(&shape, m, None, Some(&self.reconstruction.deviations))
+            }
+        }?;
 
         let path = folder.join("trajectory.tum");
         let poses: Vec<_> = self.steps.iter().map(|s| s.pose).collect();
-        trajectory::write_tum(&path, &self.times, &poses).map_err(at(&path))?;
+        trajectory::write_tum(&path, &self.times, &poses).map_err(WriteError::at(&path))?;
         let path = folder.join("summary.png");
         crate::log::write::write_atomically(&path, |out| out.write_all(&picture))
-            .map_err(at(&path))?;
+            .map_err(WriteError::at(&path))?;
         // Last, so that a report means that everything is there.
         let path = folder.join("report.json");
-        self.report.write(&path).map_err(at(&path))
+        self.report.write(&path).map_err(WriteError::at(&path))
     }
 }

@@ -3,7 +3,7 @@
 use nalgebra::Matrix6;
 use tactile_core::contact::{Contact, FreePoint, GraspView};
 use tactile_core::matrix::Square;
-use tactile_core::space::{Planar, Space, Spatial};
+use tactile_core::space::{Planar, Spatial};
 use tactile_core::surface::cholesky::packed;
 use tactile_core::surface::{Ball, Gpis, Matern32, Prior, Training};
 use tactile_core::track::{Bootstrap, Estimate, MotionNoise, Settings, Tracker};
