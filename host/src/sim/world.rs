@@ -65,7 +65,7 @@ impl Options {
             motion_noise: Deviation { length: 1e-2, angle: 20f64.to_radians() },
             outliers: 0.0,
             free: true,
-            seed: 1,
+            seed: 0,
         }
     }
 }
