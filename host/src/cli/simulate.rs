@@ -80,7 +80,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Error> {
     let free: usize = grasps.iter().map(|g| g.free.len()).sum();
     let plural = if grasps.len() == 1 { "" } else { "s" };
     say(format_args!(
-        "{}: {} grasp{plural}, {contacts} contacts, {free} fingers closed on nothing{}",
+        "{}: {} grasp{plural}, {contacts} contacts, {free} free points{}",
         args.output.display(),
         grasps.len(),
         match simulation.geometry {
@@ -148,7 +148,7 @@ mod tests {
             ("--object no/such.stl", "no/such.stl: cannot read"),
             ("--object polygon:no/such.csv", "no/such.csv: cannot read"),
             ("--object sphere:0.1 --grasps 0", "--grasps: expected at least 1"),
-            ("--object sphere:0.1 --grasps -3", "'--grasps"),
+            ("--object sphere:0.1 --grasps=-3", "'--grasps <N>'"),
             ("--object sphere:0.1 --contacts 6", "at most 5 with --touch hand"),
             ("--object sphere:0.1 --touch foot", "possible values: hand, uniform"),
             ("--object sphere:0.1 --contact-noise 5deg,1mm", "--contact-noise"),
