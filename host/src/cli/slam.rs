@@ -14,7 +14,9 @@ use crate::slam::track;
 ///
 /// Writes report.json, contour.csv (2D) or shape.ply (3D), trajectory.tum and summary.png.
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  tactile simulate --object ellipse:0.12x0.06 --seed 3 -o ellipse.jsonl\n  tactile slam ellipse.jsonl --out ellipse")]
+#[command(
+    after_help = "Example:\n  tactile simulate --object ellipse:0.12x0.06 --seed 3 -o ellipse.jsonl\n  tactile slam ellipse.jsonl --out ellipse"
+)]
 pub struct SlamArgs {
     /// Grasp log; without one, the bundled recording
     log: Option<PathBuf>,

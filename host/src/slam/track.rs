@@ -24,7 +24,8 @@ const SPATIAL_PARTICLES: usize = 20_000;
 /// The surface a tracker follows: Matérn-3/2 about a fitted ball.
 pub const KERNEL: Matern32 = Matern32 { amplitude: 0.03, lengthscale: 0.1 };
 
-type PlanarMap = Gpis<Planar, Matern32, Ball<Planar>, CONTACTS, { 3 * CONTACTS }, { packed(3 * CONTACTS) }>;
+type PlanarMap =
+    Gpis<Planar, Matern32, Ball<Planar>, CONTACTS, { 3 * CONTACTS }, { packed(3 * CONTACTS) }>;
 type SpatialMap =
     Gpis<Spatial, Matern32, Ball<Spatial>, CONTACTS, { 4 * CONTACTS }, { packed(4 * CONTACTS) }>;
 
