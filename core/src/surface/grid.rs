@@ -151,7 +151,7 @@ impl<S: Space, const NODES: usize> Grid<S, NODES> {
                 if let Some(values) = self.values.get(cell.base..cell.base + Self::WINDOW) {
                     for corner in 0..1usize << S::DIMENSION {
                         let (index, weight) = cell.corner(corner, Self::SIDE);
-                        *f += weight * values[index];
+                        *f += weight * values.get(index).copied().unwrap_or(0.0);
                     }
                 }
                 *f += cell.outside;
@@ -265,7 +265,9 @@ impl<S: Space, const NODES: usize> Surface<S> for Grid<S, NODES> {
         };
         for corner in 0..1usize << S::DIMENSION {
             let (index, weight) = cell.corner(corner, Self::SIDE);
-            let (value, node) = (values[index], &nodes[index]);
+            let (Some(value), Some(node)) = (values.get(index), nodes.get(index)) else {
+                continue;
+            };
             probe.value += weight * value;
             probe.gradient += node.gradient * weight;
             probe.variance += weight * node.variance;
