@@ -1,7 +1,7 @@
 //! # tactile-host
 //!
 //! Everything around [`tactile_core`] that wants a heap: grasp logs and recordings, simulated
-//! objects and hands, the dense double-precision [`reference`] the core is held against, contours
+//! objects and hands, the dense double-precision [mod@reference] the core is held against, contours
 //! and meshes, the link to a board, pictures and reports, and the command line `tactile`.
 //!
 //! Host types hold planar data as spatial data with z = 0 and rotations about z, so that files,
@@ -13,6 +13,7 @@ pub mod cli;
 pub mod experiment;
 pub mod link;
 pub mod log;
+pub mod quantity;
 pub mod reference;
 pub mod shape;
 pub mod sim;

@@ -1,0 +1,64 @@
+//! `tactile inspect`: what is in a file, its gaps and its errors.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::{Error, say};
+use crate::log::GraspLog;
+
+mod log;
+use log::Summary;
+
+/// Say what is in a file, its gaps and its errors
+#[derive(Debug, Args)]
+#[command(after_help = "Example: tactile inspect box.jsonl --json")]
+pub struct InspectArgs {
+    /// A grasp log (.jsonl)
+    file: PathBuf,
+    /// Print figures as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Tells the kind of file by its ending and says what is in it.
+///
+/// # Errors
+/// When the kind is not known, or the file cannot be read.
+pub fn run(args: &InspectArgs) -> Result<(), Error> {
+    match args.file.extension().and_then(|e| e.to_str()) {
+        Some("jsonl") => inspect_log(&args.file, args.json),
+        _ => Err(Error::Input(format!("{}: expected a grasp log (.jsonl)", args.file.display()))),
+    }
+}
+
+/// Says what is in a grasp log.
+///
+/// # Errors
+/// When the log cannot be read.
+pub fn inspect_log(file: &Path, json: bool) -> Result<(), Error> {
+    let log = GraspLog::read(file).map_err(Error::input)?;
+    let summary = Summary::of(&log);
+    if json {
+        say(serde_json::to_string_pretty(&summary).map_err(Error::failure)?);
+    } else {
+        say(format_args!("{}\n{}", file.display(), summary.text().trim_end()));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn other_files_are_refused() {
+        for name in ["a.txt", "a", "a.tac.gz"] {
+            let args = InspectArgs { file: name.into(), json: false };
+            let error = run(&args).unwrap_err();
+            assert!(error.code() == 2 && error.to_string().contains("expected a grasp log"));
+        }
+        let args = InspectArgs { file: "no/such.jsonl".into(), json: true };
+        assert!(run(&args).unwrap_err().to_string().contains("no/such.jsonl: cannot read"));
+    }
+}
