@@ -131,6 +131,7 @@ mod tests {
     use super::*;
     use crate::matrix::Vector;
     use crate::space::Planar;
+    use core::f32::consts::PI;
 
     type Felt = (Vector<2>, Option<Vector<2>>);
 
@@ -155,7 +156,7 @@ mod tests {
 
     #[test]
     fn undecided_normals_leave_it_to_the_points() {
-        let bare = [0.0f32, 1.571, 3.142, 4.712].map(|a| (on_circle(a).0, None));
+        let bare = [0.0, 0.5, 1.0, 1.5].map(|half| (on_circle(half * PI).0, None));
         assert!((fitted(&bare).radius - 0.03).abs() < 1e-5);
         // One flat face, and a concave corner.
         let up = Some(Vector([0.0, 1.0]));
@@ -163,7 +164,7 @@ mod tests {
         assert!((flat.radius - 0.02).abs() < 1e-6 && flat.centre.norm() < 1e-6);
         let concave = [
             (on_circle(0.0).0, Some(Vector([-1.0, 0.0]))),
-            (on_circle(3.14).0, Some(Vector([1.0, 0.0]))),
+            (on_circle(PI).0, Some(Vector([1.0, 0.0]))),
         ];
         assert!((fitted(&concave).radius - 0.03).abs() < 1e-4);
         assert_eq!(fitted(&[]).radius, Ball::<Planar>::LEAST_RADIUS);
