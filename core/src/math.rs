@@ -152,7 +152,7 @@ pub fn atan2(y: f32, x: f32) -> f32 {
     let z = t * t;
     let p = 8.053_744_5e-2 * z - 1.387_768_6e-1;
     let p = p * z + 1.997_771e-1;
-    let p = p * z - 3.333_294_9e-1;
+    let p = p * z - 3.333_295e-1;
     let angle = base + (p * z * t + t);
     let angle = if ay > ax { FRAC_PI_2 - angle } else { angle };
     let angle = if x < 0.0 { PI - angle } else { angle };

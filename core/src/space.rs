@@ -37,6 +37,8 @@ pub trait Space: Copy + Debug + Default + PartialEq + Send + Sync + 'static {
 pub trait Pose<S: Space>: Copy + Debug + PartialEq + Send + Sync + 'static {
     /// Maps every point to itself.
     const IDENTITY: Self;
+    /// All zero bits, so that arrays of poses can live in `.bss`; not a rigid transformation.
+    const UNSET: Self;
 
     /// The pose at `translation` (metres), not rotated.
     fn from_translation(translation: S::Vector) -> Self;
@@ -157,6 +159,7 @@ impl PlanarPose {
 
 impl Pose<Planar> for PlanarPose {
     const IDENTITY: Self = PlanarPose { translation: Vector::ZERO, cos: 1.0, sin: 0.0 };
+    const UNSET: Self = PlanarPose { translation: Vector::ZERO, cos: 0.0, sin: 0.0 };
 
     fn from_translation(translation: Vector<2>) -> Self {
         PlanarPose { translation, ..Self::IDENTITY }
@@ -259,6 +262,8 @@ impl SpatialPose {
 impl Pose<Spatial> for SpatialPose {
     const IDENTITY: Self =
         SpatialPose { translation: Vector::ZERO, vector: Vector::ZERO, scalar: 1.0 };
+    const UNSET: Self =
+        SpatialPose { translation: Vector::ZERO, vector: Vector::ZERO, scalar: 0.0 };
 
     fn from_translation(translation: Vector<3>) -> Self {
         SpatialPose { translation, ..Self::IDENTITY }

@@ -1,1 +1,65 @@
-//! The surface models of the core.
+//! Implicit surfaces: f > 0 outside the object, f < 0 inside, f = 0 on it, scaled as a signed
+//! distance in metres, in the object frame.
+
+pub mod cholesky;
+pub mod gpis;
+pub mod grid;
+pub mod kernel;
+pub mod prior;
+
+pub use gpis::{Gpis, Training};
+pub use grid::Grid;
+pub use kernel::{Kernel, Matern32, SquaredExponential, ThinPlate};
+pub use prior::{Ball, Constant, Prior};
+
+use crate::contact::Contact;
+use crate::space::Space;
+
+/// What a surface says about one point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Probe<S: Space> {
+    /// f, metres.
+    pub value: f32,
+    /// ∇f, no unit; length near one close to the surface.
+    pub gradient: S::Vector,
+    /// Variance of f, square metres.
+    pub variance: f32,
+    /// Variance of one component of ∇f, averaged over the components.
+    pub slope_variance: f32,
+    /// Distance to the nearest contact the surface was learnt from, metres; infinite without one.
+    pub nearest: f32,
+}
+
+/// A surface that can be asked.
+pub trait Surface<S: Space> {
+    /// Value, gradient and uncertainty at `point` (object frame, metres).
+    fn probe(&self, point: S::Vector) -> Probe<S>;
+}
+
+/// A surface that learns from contacts within bounded memory.
+pub trait Map<S: Space>: Surface<S> {
+    /// Adds a contact given in the object frame; at capacity, the contact that its neighbours make
+    /// most redundant goes, which may be the new one. [`refit`](Self::refit) makes it count.
+    fn insert(&mut self, contact: &Contact<S>) -> Insertion;
+
+    /// Brings the surface up to date after insertions: once per grasp.
+    fn refit(&mut self);
+
+    /// Forgets every contact.
+    fn clear(&mut self);
+
+    /// Number of contacts held.
+    fn contacts(&self) -> usize;
+}
+
+/// What became of a contact.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Insertion {
+    /// There was room.
+    Stored,
+    /// It took the place of one or more contacts that others explain.
+    Replaced(u16),
+    /// The map is full and others explain this contact best, or its covariance row was not
+    /// positive definite in `f32` (an exact repetition with no noise).
+    Dropped,
+}

@@ -1,1 +1,368 @@
-//! (to be written by the core's author)
+//! The bootstrap particle filter over the pose with one shared map: Algorithm 3.1 of the thesis, as
+//! corrected (weights multiply, the likelihood has a scale, means are taken on the manifold).
+
+use crate::contact::{Contact, GraspView};
+use crate::matrix::{Coordinates, Square};
+use crate::random::Random;
+use crate::space::{Pose, Space};
+use crate::surface::{Insertion, Map};
+use crate::track::likelihood::log_likelihood;
+use crate::track::particles::Particles;
+use crate::track::{Estimate, MotionNoise, Observability, Tracker};
+
+/// The thesis' condition on a pose (3.5.1): enough contacts of the grasp must lie close to contacts
+/// already in the map, or its likelihood is zero. Of a grasp with fewer contacts, all must.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gate {
+    /// How many contacts.
+    pub contacts: u16,
+    /// How close, metres.
+    pub distance: f32,
+}
+
+impl Gate {
+    /// Four contacts within 10 mm.
+    pub const THESIS: Self = Gate { contacts: 4, distance: 0.01 };
+}
+
+/// How a [`Bootstrap`] works.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Motion noise of one grasp.
+    pub motion: MotionNoise,
+    /// The thesis' gate; `None` leaves it to the likelihood, which knows where the map is uncertain.
+    pub gate: Option<Gate>,
+    /// Seed of the random numbers.
+    pub seed: u64,
+}
+
+impl Settings {
+    /// The thesis' motion noise, no gate, seed 0.
+    pub const DEFAULT: Self = Settings { motion: MotionNoise::THESIS, gate: None, seed: 0 };
+}
+
+/// A bootstrap filter of `PARTICLES` poses over the map `M`.
+#[derive(Clone, Debug)]
+pub struct Bootstrap<S: Space, M: Map<S>, const PARTICLES: usize> {
+    map: M,
+    particles: Particles<S, PARTICLES>,
+    /// `None` until the first use, so that a new filter is all zero bits.
+    running: Option<Running>,
+    /// Grasps seen.
+    grasps: u32,
+    /// Whether a contact has fixed the object frame.
+    started: bool,
+}
+
+#[derive(Clone, Debug)]
+struct Running {
+    settings: Settings,
+    random: Random,
+}
+
+impl Running {
+    fn new(settings: Settings) -> Self {
+        Running { random: Random::new(settings.seed), settings }
+    }
+}
+
+impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
+    /// A filter over an empty `map`, with [`Settings::DEFAULT`].
+    pub const fn new(map: M) -> Self {
+        let particles = Particles::new();
+        Bootstrap { map, particles, running: None, grasps: 0, started: false }
+    }
+
+    /// Starts anew with these settings.
+    pub fn configure(&mut self, settings: Settings) {
+        self.running = Some(Running::new(settings));
+        self.map.clear();
+        self.grasps = 0;
+        self.started = false;
+    }
+
+    /// The shape so far.
+    pub fn map(&self) -> &M {
+        &self.map
+    }
+
+    /// The shape, to set its model; call [`configure`](Self::configure) afterwards.
+    pub fn map_mut(&mut self) -> &mut M {
+        &mut self.map
+    }
+
+    /// The belief over the pose.
+    pub fn particles(&self) -> &Particles<S, PARTICLES> {
+        &self.particles
+    }
+
+    /// Fixes the object frame at the centroid of the first contacts.
+    fn start(&mut self, grasp: &GraspView<'_, S>) {
+        let mut centroid = S::Vector::ZERO;
+        let mut count = 0.0;
+        for contact in good(grasp) {
+            centroid += contact.point;
+            count += 1.0;
+        }
+        if count > 0.0 {
+            self.particles.place(S::Pose::from_translation(centroid * (1.0 / count)));
+            self.started = true;
+        }
+    }
+
+    /// Moves every particle as the hand meant to, and then some.
+    fn predict(&mut self, motion: Option<&S::Pose>) {
+        let running = self.running.get_or_insert_with(|| Running::new(Settings::DEFAULT));
+        let motion = motion.filter(|m| m.is_finite());
+        for pose in self.particles.poses_mut() {
+            let moved = motion.map_or(*pose, |m| m.compose(pose));
+            *pose = running.settings.motion.disturb::<S>(&moved, &mut running.random);
+        }
+    }
+
+    /// Weighs the particles by the grasp; false when none is possible.
+    fn weigh(&mut self, grasp: &GraspView<'_, S>) -> bool {
+        let gate = self.running.as_ref().and_then(|r| r.settings.gate);
+        let map = &self.map;
+        self.particles.weigh(|pose| {
+            let (mut sum, mut close, mut all) = (0.0, 0, 0);
+            for contact in good(grasp) {
+                let probe = map.probe(pose.untransform(contact.point));
+                sum += log_likelihood(&probe, contact.normal.map(|n| pose.unrotate(n)), &contact);
+                all += 1;
+                close += u16::from(gate.is_some_and(|g| probe.nearest <= g.distance));
+            }
+            gate.is_none_or(|g| close >= g.contacts.min(all)).then_some(sum)
+        })
+    }
+
+    /// Resamples when fewer than half of the particles count.
+    fn resample_if_poor(&mut self) -> bool {
+        let poor = self.particles.effective() < 0.5 * PARTICLES as f32;
+        if poor && let Some(running) = &mut self.running {
+            self.particles.resample(&mut running.random);
+        }
+        poor
+    }
+
+    /// Adds the grasp to the map at the mean pose; the number of contacts let go.
+    ///
+    /// The doubt about the pose along each contact's normal goes into its noise, so that a grasp
+    /// placed badly does not overrule one placed well.
+    fn learn(
+        &mut self,
+        grasp: &GraspView<'_, S>,
+        pose: &S::Pose,
+        covariance: &S::Covariance,
+    ) -> u16 {
+        let mut dropped = 0u16;
+        for contact in good(grasp) {
+            let placed = place(&contact, pose, covariance);
+            dropped = dropped.saturating_add(match self.map.insert(&placed) {
+                Insertion::Stored => 0,
+                Insertion::Replaced(others) => others,
+                Insertion::Dropped => 1,
+            });
+        }
+        self.map.refit();
+        dropped
+    }
+}
+
+/// The contacts of a grasp that can be used, with unit normals.
+fn good<'a, S: Space>(grasp: &GraspView<'a, S>) -> impl Iterator<Item = Contact<S>> + Clone + 'a {
+    grasp.contacts.iter().filter_map(|c| c.checked().ok())
+}
+
+/// The contact in the object frame at an uncertain pose.
+fn place<S: Space>(contact: &Contact<S>, pose: &S::Pose, covariance: &S::Covariance) -> Contact<S> {
+    let point = pose.untransform(contact.point);
+    let normal = contact.normal.map(|n| pose.unrotate(n));
+    let mut placed = Contact { point, normal, ..*contact };
+    if let Some(normal) = normal {
+        let h = S::lever(point, normal);
+        let (mut along, mut turn) = (0.0, 0.0);
+        for i in 0..S::FREEDOM {
+            for j in 0..S::FREEDOM {
+                along += h[i] * covariance.at(i, j) * h[j];
+            }
+            if i >= S::DIMENSION {
+                turn += covariance.at(i, i);
+            }
+        }
+        let turn = turn / (S::FREEDOM - S::DIMENSION) as f32;
+        let add = |deviation: f32, more: f32| {
+            crate::math::sqrt(deviation * deviation + if more > 0.0 { more } else { 0.0 })
+        };
+        placed.point_deviation = add(contact.point_deviation, along);
+        placed.normal_deviation = add(contact.normal_deviation, turn);
+    }
+    placed
+}
+
+impl<S: Space, M: Map<S>, const PARTICLES: usize> Tracker<S> for Bootstrap<S, M, PARTICLES> {
+    fn update(&mut self, motion: Option<&S::Pose>, grasp: GraspView<'_, S>) -> Estimate<S> {
+        let contacts = good(&grasp).count();
+        let mut corrected = false;
+        let mut resampled = false;
+        if self.started {
+            self.predict(motion);
+            corrected = contacts > 0 && self.weigh(&grasp);
+        } else {
+            self.particles.place(S::Pose::IDENTITY);
+            self.start(&grasp);
+        }
+        let (pose, covariance) = self.particles.mean();
+        let effective_particles = self.particles.effective();
+        if corrected {
+            resampled = self.resample_if_poor();
+        }
+        let dropped = self.learn(&grasp, &pose, &covariance);
+        let felt = good(&grasp)
+            .filter_map(|c| Some((pose.untransform(c.point), pose.unrotate(c.normal?))));
+        let estimate = Estimate {
+            grasp: self.grasps,
+            pose,
+            covariance,
+            effective_particles,
+            observability: Observability::of(felt),
+            contacts: contacts.min(usize::from(u16::MAX)) as u16,
+            rejected: (grasp.contacts.len() - contacts).min(usize::from(u16::MAX)) as u16,
+            dropped,
+            corrected,
+            resampled,
+        };
+        self.grasps = self.grasps.saturating_add(1);
+        estimate
+    }
+
+    fn reset(&mut self, seed: u64) {
+        let settings = self.running.as_ref().map_or(Settings::DEFAULT, |r| r.settings);
+        self.configure(Settings { seed, ..settings });
+    }
+
+    fn set_motion_noise(&mut self, noise: MotionNoise) {
+        let running = self.running.get_or_insert_with(|| Running::new(Settings::DEFAULT));
+        running.settings.motion = noise;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::matrix::Vector;
+    use crate::space::{Planar, PlanarPose};
+    use crate::surface::cholesky::packed;
+    use crate::surface::{Ball, Gpis, Matern32, Prior, Training};
+    use std::boxed::Box;
+    use std::vec::Vec;
+
+    type Shape = Gpis<Planar, Matern32, Ball<Planar>, 40, 120, { packed(120) }>;
+    type Filter = Bootstrap<Planar, Shape, 2000>;
+
+    fn filter(settings: Settings) -> Box<Filter> {
+        let mut filter = Box::new(Filter::new(Shape::new()));
+        filter.map_mut().configure(
+            Matern32 { amplitude: 0.03, lengthscale: 0.1 },
+            Ball::UNSET,
+            Training::Normals,
+        );
+        filter.configure(settings);
+        filter
+    }
+
+    /// Contacts on a 100 × 60 mm rectangle at `pose`, two on every face, at parameters from `shift`.
+    fn touch(pose: &PlanarPose, shift: f32) -> Vec<Contact<Planar>> {
+        [(0.05, [1.0, 0.0]), (0.03, [0.0, 1.0]), (0.05, [-1.0, 0.0]), (0.03, [0.0, -1.0])]
+            .into_iter()
+            .flat_map(|(half, n)| {
+                let n = Vector(n);
+                let along = Vector([-n[1], n[0]]);
+                [-0.02, 0.015].map(|s| {
+                    let point = pose.transform(n * half + along * (s + shift));
+                    Contact {
+                        point,
+                        normal: Some(pose.rotate(n)),
+                        point_deviation: 1e-3,
+                        normal_deviation: 0.0873,
+                        finger: 0,
+                    }
+                })
+            })
+            .collect()
+    }
+
+    fn view(contacts: &[Contact<Planar>]) -> GraspView<'_, Planar> {
+        GraspView { contacts, free: &[] }
+    }
+
+    #[test]
+    fn follows_a_rectangle() {
+        let mut filter = filter(Settings { seed: 3, ..Settings::DEFAULT });
+        let mut truth = PlanarPose::new(Vector([0.3, 0.1]), 0.2);
+        let first = filter.update(None, view(&touch(&truth, 0.0)));
+        assert!(!first.corrected && first.grasp == 0);
+        let gauge = truth.inverse().compose(&first.pose);
+        for k in 1..5 {
+            // The hand meant to turn the object by 20°; it slipped 8 mm and 8°.
+            let meant = PlanarPose::new(Vector([0.3, 0.1]), 0.35)
+                .compose(&PlanarPose::new(Vector([0.3, 0.1]), 0.0).inverse());
+            truth = meant.compose(&truth).retract(Vector([0.006, -0.005, 0.14]));
+            let estimate = filter.update(Some(&meant), view(&touch(&truth, 0.003 * k as f32)));
+            assert!(estimate.corrected && estimate.observability.is_full());
+            let error = truth.compose(&gauge).local(&estimate.pose);
+            assert!(error[0].hypot(error[1]) < 0.003, "{k}: {error:?}");
+            assert!(error[2].abs() < 0.09, "{k}: {error:?}");
+        }
+        assert!(filter.map().contacts() == 40);
+    }
+
+    #[test]
+    fn a_seed_repeats_to_the_bit() {
+        let run = |seed| {
+            let mut filter = filter(Settings { seed, ..Settings::DEFAULT });
+            let pose = PlanarPose::IDENTITY;
+            filter.update(None, view(&touch(&pose, 0.0)));
+            filter.update(None, view(&touch(&pose, 0.004)))
+        };
+        assert_eq!(run(5), run(5));
+        assert_ne!(run(5).pose, run(6).pose);
+    }
+
+    #[test]
+    fn the_gate_refuses_strange_grasps() {
+        let gate = Some(Gate::THESIS);
+        let mut filter = filter(Settings { gate, ..Settings::DEFAULT });
+        filter.update(None, view(&touch(&PlanarPose::IDENTITY, 0.0)));
+        let near = filter.update(None, view(&touch(&PlanarPose::IDENTITY, 0.001)));
+        assert!(near.corrected);
+        let far = touch(&PlanarPose::new(Vector([0.5, 0.0]), 0.0), 0.0);
+        let strange = filter.update(None, view(&far));
+        assert!(!strange.corrected && !strange.resampled);
+    }
+
+    #[test]
+    fn bad_contacts_are_counted_and_empty_grasps_only_predict() {
+        let mut filter = filter(Settings::DEFAULT);
+        let empty = filter.update(None, view(&[]));
+        assert!(!empty.corrected && empty.pose == PlanarPose::IDENTITY);
+        let mut contacts = touch(&PlanarPose::IDENTITY, 0.0);
+        contacts[0].point[1] = f32::NAN;
+        contacts[1].normal = Some(Vector([2.0, 0.0]));
+        contacts[2].point_deviation = 0.0;
+        let estimate = filter.update(None, view(&contacts));
+        assert_eq!((estimate.contacts, estimate.rejected), (5, 3));
+        assert_eq!(filter.map().contacts(), 5);
+        let spread = filter.update(None, view(&[])).covariance;
+        assert!(spread.0[0][0] > 0.5e-4, "{spread:?}");
+    }
+
+    #[test]
+    fn a_new_filter_is_zero_and_works_unconfigured() {
+        let mut filter = Box::new(Filter::new(Shape::new()));
+        let estimate = filter.update(None, view(&touch(&PlanarPose::IDENTITY, 0.0)));
+        assert!(estimate.pose.is_finite());
+        let estimate = filter.update(None, view(&touch(&PlanarPose::IDENTITY, 0.0)));
+        assert!(estimate.pose.is_finite());
+    }
+}

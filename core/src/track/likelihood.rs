@@ -1,1 +1,94 @@
-//! (to be written by the core's author)
+//! How well a contact fits a surface at a pose: thesis 3.9 with a scale.
+//!
+//! The thesis weighs by exp(−Σ|f|). That has no unit, forgets that the surface is uncertain where
+//! nothing was touched, and rewards drifting to where |f| is small. Here a contact is compared with
+//! the surface as a measurement is with its prediction. With f, ∇f, their variances V and V′ per
+//! component, and g = max(|∇f|, 0.3):
+//!
+//! ```text
+//! distance   r = f/g            variance  σ_p² + V/g²
+//! normal     α = ∠(∇f, n)       variance  σ_θ² + V′/g²   per axis
+//! ```
+//!
+//! Both are scored by Student's t with four degrees of freedom, which keeps a few wild contacts from
+//! deciding alone.
+
+use crate::contact::Contact;
+use crate::math;
+use crate::matrix::Coordinates;
+use crate::space::Space;
+use crate::surface::Probe;
+
+/// Degrees of freedom of Student's t.
+pub const FREEDOM: f32 = 4.0;
+
+/// Gradients shorter than this count as this long: where the field is flat, f/|∇f| means nothing.
+pub const LEAST_SLOPE: f32 = 0.3;
+
+/// Log likelihood, up to a constant, of a contact whose position in the object frame was probed and
+/// whose `normal` is in object axes.
+#[inline]
+pub fn log_likelihood<S: Space>(
+    probe: &Probe<S>,
+    normal: Option<S::Vector>,
+    contact: &Contact<S>,
+) -> f32 {
+    let slope = probe.gradient.norm().max(LEAST_SLOPE);
+    let scale = 1.0 / (slope * slope);
+    let spread = contact.point_deviation * contact.point_deviation + probe.variance * scale;
+    let distance = student(probe.value * probe.value * scale, spread, 1.0);
+    let Some(normal) = normal else {
+        return distance;
+    };
+    let angle = S::angle_between(probe.gradient, normal);
+    let spread = contact.normal_deviation * contact.normal_deviation + probe.slope_variance * scale;
+    distance + student(angle * angle, spread, (S::DIMENSION - 1) as f32)
+}
+
+/// Log density, up to a constant, of a residual of `axes` components with this squared length and
+/// variance per component.
+#[inline(always)]
+fn student(squared: f32, variance: f32, axes: f32) -> f32 {
+    let tail = 0.5 * (FREEDOM + axes) * math::ln(1.0 + squared / (FREEDOM * variance));
+    -tail - 0.5 * axes * math::ln(variance)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::matrix::Vector;
+    use crate::space::Planar;
+
+    fn probe(value: f32, variance: f32) -> Probe<Planar> {
+        let gradient = Vector([0.0, 1.0]);
+        Probe { value, gradient, variance, slope_variance: 0.01, nearest: 0.0 }
+    }
+
+    const CONTACT: Contact<Planar> = Contact {
+        point: Vector([0.0, 0.0]),
+        normal: Some(Vector([0.0, 1.0])),
+        point_deviation: 1e-3,
+        normal_deviation: 0.0873,
+        finger: 0,
+    };
+
+    #[test]
+    fn nearer_is_likelier_and_uncertain_surfaces_forgive() {
+        let at = |value, variance| log_likelihood(&probe(value, variance), None, &CONTACT);
+        assert!(at(0.0, 1e-6) > at(0.002, 1e-6));
+        let drop = |variance| at(0.0, variance) - at(0.01, variance);
+        assert!(drop(1e-6) > 4.0 * drop(1e-4));
+        // Robust: ten times as far costs a logarithm, not a square.
+        assert!(at(0.01, 1e-6) - at(0.1, 1e-6) < 13.0);
+        // The surface scale cancels: 2f with twice the slope is the same contact.
+        let steep = Probe { gradient: Vector([0.0, 2.0]), ..probe(0.004, 4e-6) };
+        assert!((log_likelihood(&steep, None, &CONTACT) - at(0.002, 1e-6)).abs() < 1e-5);
+    }
+
+    #[test]
+    fn opposite_normals_are_unlikely() {
+        let with = |normal| log_likelihood(&probe(0.0, 1e-6), Some(normal), &CONTACT);
+        assert!(with(Vector([0.0, 1.0])) - with(Vector([0.0, -1.0])) > 8.0);
+        assert!(with(Vector([0.1, 0.995])) < with(Vector([0.0, 1.0])));
+    }
+}

@@ -6,7 +6,7 @@ pub mod motion;
 pub mod observability;
 pub mod particles;
 
-// pub use bootstrap::Bootstrap;
+pub use bootstrap::{Bootstrap, Gate, Settings};
 pub use motion::MotionNoise;
 pub use observability::Observability;
 
@@ -26,6 +26,9 @@ pub trait Tracker<S: Space> {
 
     /// Forgets the object and restarts the random numbers from `seed`.
     fn reset(&mut self, seed: u64);
+
+    /// How much the object moves beyond what the hand intended, from now on.
+    fn set_motion_noise(&mut self, noise: MotionNoise);
 }
 
 /// What a tracker believes after one grasp.

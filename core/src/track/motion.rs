@@ -21,7 +21,7 @@ impl MotionNoise {
     pub fn disturb<S: Space>(&self, pose: &S::Pose, random: &mut Random) -> S::Pose {
         let mut t: S::Tangent = random.normal();
         for i in 0..S::FREEDOM {
-            t[i] = t[i] * if i < S::DIMENSION { self.translation } else { self.rotation };
+            t[i] *= if i < S::DIMENSION { self.translation } else { self.rotation };
         }
         pose.retract(t)
     }

@@ -57,7 +57,7 @@ impl<S: Space> Observability<S> {
         for (point, normal) in contacts {
             let mut h = S::lever(point - centre, normal);
             for i in S::DIMENSION..S::FREEDOM {
-                h[i] = h[i] * (1.0 / radius);
+                h[i] *= 1.0 / radius;
             }
             information.add_outer(1.0 / count, h, h);
         }

@@ -1,1 +1,202 @@
-//! (to be written by the core's author)
+//! A bounded set of weighted poses.
+
+use crate::math;
+use crate::random::Random;
+use crate::space::{self, Pose, Space};
+
+/// `N` poses with weights that sum to one.
+#[derive(Clone, Debug)]
+pub struct Particles<S: Space, const N: usize> {
+    poses: [S::Pose; N],
+    weights: [f32; N],
+    /// Log weights while weighing, numbers of children while resampling.
+    scratch: [f32; N],
+}
+
+impl<S: Space, const N: usize> Particles<S, N> {
+    /// Child counts are whole numbers in `f32`.
+    const SIZE_FITS: () = assert!(N > 0 && N <= 1 << 24, "1 to 2²⁴ particles");
+
+    /// All zero bits; [`place`](Self::place) them before use.
+    pub const fn new() -> Self {
+        let () = Self::SIZE_FITS;
+        Particles { poses: [S::Pose::UNSET; N], weights: [0.0; N], scratch: [0.0; N] }
+    }
+
+    /// Puts every particle at `pose` with equal weight.
+    pub fn place(&mut self, pose: S::Pose) {
+        self.poses.fill(pose);
+        self.weights.fill(1.0 / N as f32);
+    }
+
+    /// The poses.
+    pub fn poses(&self) -> &[S::Pose] {
+        &self.poses
+    }
+
+    /// The poses, to be moved.
+    pub fn poses_mut(&mut self) -> &mut [S::Pose] {
+        &mut self.poses
+    }
+
+    /// The weights, summing to one.
+    pub fn weights(&self) -> &[f32] {
+        &self.weights
+    }
+
+    /// Multiplies every weight by exp(`log_likelihood`(pose)) and normalises (Algorithm 3.1,
+    /// corrected: earlier weights count). `None` marks a pose as impossible. When all are
+    /// impossible nothing changes and the answer is false.
+    pub fn weigh(&mut self, mut log_likelihood: impl FnMut(&S::Pose) -> Option<f32>) -> bool {
+        let mut greatest = f32::NEG_INFINITY;
+        for ((pose, weight), log) in self.poses.iter().zip(&self.weights).zip(&mut self.scratch) {
+            *log = match log_likelihood(pose) {
+                Some(l) if l.is_finite() => l + math::ln(*weight),
+                _ => f32::NEG_INFINITY,
+            };
+            greatest = greatest.max(*log);
+        }
+        if greatest == f32::NEG_INFINITY {
+            return false;
+        }
+        let mut total = 0.0;
+        for (weight, log) in self.weights.iter_mut().zip(&self.scratch) {
+            let below = log - greatest;
+            // e⁻⁸⁰ of the heaviest is nothing, and `exp` never reaches zero by itself.
+            *weight = if below > -80.0 { math::exp(below) } else { 0.0 };
+            total += *weight;
+        }
+        let scale = 1.0 / total;
+        for weight in &mut self.weights {
+            *weight *= scale;
+        }
+        true
+    }
+
+    /// Effective number of particles 1/Σw², from 1 to `N`.
+    pub fn effective(&self) -> f32 {
+        let mut sum = 0.0;
+        for w in &self.weights {
+            sum += w * w;
+        }
+        1.0 / sum
+    }
+
+    /// Weighted mean on the manifold and covariance in its tangent coordinates.
+    pub fn mean(&self) -> (S::Pose, S::Covariance) {
+        let mut heaviest = 0;
+        for (i, w) in self.weights.iter().enumerate() {
+            if *w > self.weights[heaviest] {
+                heaviest = i;
+            }
+        }
+        let weighted = self.weights.iter().copied().zip(self.poses.iter().copied());
+        space::mean::<S>(weighted, self.poses[heaviest])
+    }
+
+    /// Systematic resampling in place: every particle gets as many children as its weight earns,
+    /// ±1, and equal weights follow.
+    pub fn resample(&mut self, random: &mut Random) {
+        let count = N as f32;
+        let mut comb = random.uniform();
+        let mut cumulative = 0.0;
+        let mut drawn = 0;
+        for (weight, children) in self.weights.iter().zip(&mut self.scratch) {
+            cumulative += weight * count;
+            *children = 0.0;
+            while comb <= cumulative && drawn < N {
+                *children += 1.0;
+                comb += 1.0;
+                drawn += 1;
+            }
+        }
+        // Rounding may leave the last teeth of the comb beyond the sum: they are the last's.
+        if drawn < N
+            && let Some(last) = self.scratch.iter().rposition(|&children| children > 0.0)
+        {
+            self.scratch[last] += (N - drawn) as f32;
+        }
+        let mut vacant = 0;
+        for parent in 0..N {
+            while self.scratch[parent] > 1.0 {
+                while vacant < N && self.scratch[vacant] != 0.0 {
+                    vacant += 1;
+                }
+                if vacant == N {
+                    break;
+                }
+                self.poses[vacant] = self.poses[parent];
+                self.scratch[vacant] = 1.0;
+                self.scratch[parent] -= 1.0;
+            }
+        }
+        self.weights.fill(1.0 / count);
+    }
+}
+
+impl<S: Space, const N: usize> Default for Particles<S, N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::matrix::Vector;
+    use crate::space::{Planar, PlanarPose};
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    fn spread(weights: &[f32; 16]) -> Particles<Planar, 16> {
+        let mut particles = Particles::new();
+        particles.place(PlanarPose::IDENTITY);
+        for (i, pose) in particles.poses_mut().iter_mut().enumerate() {
+            *pose = PlanarPose::from_translation(Vector([i as f32, 0.0]));
+        }
+        let logs = weights.map(math::ln);
+        assert!(particles.weigh(|p: &PlanarPose| Some(logs[p.translation[0] as usize])));
+        particles
+    }
+
+    proptest! {
+        #[test]
+        fn resampling_is_fair(weights in proptest::array::uniform16(0.001f32..1.0), seed in 0u64..1000) {
+            let mut particles = spread(&weights);
+            let before: Vec<f32> = particles.weights().to_vec();
+            prop_assert!((before.iter().sum::<f32>() - 1.0).abs() < 1e-5);
+            particles.resample(&mut Random::new(seed));
+            for (i, w) in before.iter().enumerate() {
+                let children = particles.poses().iter().filter(|p| p.translation[0] == i as f32).count();
+                prop_assert!((children as f32 - 16.0 * w).abs() < 1.001, "{} {}", children, 16.0 * w);
+            }
+            prop_assert!((particles.effective() - 16.0).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn weights_multiply() {
+        let mut particles = spread(&[1.0; 16]);
+        for _ in 0..2 {
+            assert!(particles.weigh(|p: &PlanarPose| Some(if p.translation[0] == 3.0 {
+                1.0
+            } else {
+                0.0
+            })));
+        }
+        let ratio = particles.weights()[3] / particles.weights()[4];
+        assert!((ratio - 1.0f32.exp().powi(2)).abs() < 1e-3);
+    }
+
+    #[test]
+    fn impossible_everywhere_changes_nothing() {
+        let mut particles = spread(&[1.0; 16]);
+        assert!(particles.weigh(|p: &PlanarPose| (p.translation[0] < 8.0).then_some(0.0)));
+        let before = particles.clone();
+        assert!(!particles.weigh(|_| None));
+        assert!(!particles.weigh(|_| Some(f32::NAN)));
+        assert_eq!(particles.weights(), before.weights());
+        assert!((particles.effective() - 8.0).abs() < 1e-3);
+        assert!((particles.mean().0.translation[0] - 3.5).abs() < 1e-4);
+    }
+}

@@ -1,1 +1,50 @@
-//! Dense double-precision models: the independent yardstick of the core.
+//! Dense double-precision models: the independent yardstick of the core, and the host's own
+//! surface when it extracts contours and meshes.
+//!
+//! Written from the mathematics, not from the core: the two share no code, so where they agree,
+//! both are likely right. Clarity goes before speed; only evaluation over many points is blocked.
+//!
+//! Thesis 2.2 (surface) and 3.3 (filter), with the corrections that each item names. f > 0 outside,
+//! f < 0 inside, scaled as a signed distance in metres; normals point out of the object; planar
+//! data has z = 0 and the dimension, 2 or 3, decides how many derivatives there are.
+
+pub mod cholesky;
+// pub mod filter;
+pub mod gpis;
+pub mod kernel;
+pub mod prior;
+
+#[cfg(test)]
+mod tests;
+
+// pub use filter::{Filter, Settings};
+pub use gpis::{Gpis, Training};
+pub use kernel::Kernel;
+pub use prior::Prior;
+
+use crate::space::{Point, Pose};
+
+/// One touch of the surface, in the object or the world frame as the user of it says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    /// Where, metres.
+    pub point: Point,
+    /// Unit normal out of the object, where it was measured.
+    pub normal: Option<Point>,
+    /// Standard deviation of the point along the normal, metres.
+    pub point_deviation: f64,
+    /// Standard deviation of the normal's direction, radians per axis.
+    pub normal_deviation: f64,
+}
+
+impl Contact {
+    /// The same contact after the rigid motion `pose`: object to world with the object's pose,
+    /// world to object with its inverse.
+    pub fn transformed(&self, pose: &Pose) -> Contact {
+        Contact {
+            point: pose.rotation * self.point + pose.translation.vector,
+            normal: self.normal.map(|n| pose.rotation * n),
+            ..*self
+        }
+    }
+}

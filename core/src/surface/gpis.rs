@@ -1,0 +1,648 @@
+//! The Gaussian-process implicit surface (thesis 2.2): f ~ GP(m, k) conditioned on contacts, with
+//! an incremental packed Cholesky factor in place of the matrix inverse.
+//!
+//! A contact is learnt in one of two ways. [`Training::Normals`] gives the contact's value 0 and its
+//! normal as an observation of ∇f, with their own noise: one value row and one row per axis.
+//! [`Training::OffSurface`] is the thesis' form: value 0 at the contact and values ±d at the points
+//! p ± d·n. A contact without a normal gives its value row alone.
+
+use crate::contact::Contact;
+use crate::matrix::Coordinates;
+use crate::space::Space;
+use crate::surface::cholesky::{Cholesky, NotPositiveDefinite};
+use crate::surface::kernel::{Kernel, Radial};
+use crate::surface::prior::Prior;
+use crate::surface::{Insertion, Map, Probe, Surface};
+
+/// How a contact becomes rows of the covariance matrix.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Training {
+    /// Value and gradient (Solak et al. 2003): 1 + dimension rows per contact.
+    Normals,
+    /// Thesis 2.2.2: three value rows per contact, the outer two this many metres off the surface.
+    OffSurface(
+        /// d, metres.
+        f32,
+    ),
+}
+
+/// One point of the covariance matrix: a value row and, where `slope`, one row per axis after it.
+#[derive(Clone, Copy, Debug)]
+struct Site<S: Space> {
+    point: S::Vector,
+    /// Observed value, metres.
+    value: f32,
+    /// Observed gradient; zero without one.
+    normal: S::Vector,
+    slope: bool,
+    /// Sites after this one that belong to the same contact.
+    followers: u8,
+    /// Index of the value row.
+    row: u16,
+    /// 1/(k(0) + σ²) of the value and of each slope: what this site alone explains.
+    value_precision: f32,
+    slope_precision: f32,
+    /// Posterior weights: (K + Σ)⁻¹ (y − m) of its rows.
+    value_weight: f32,
+    slope_weight: S::Vector,
+}
+
+impl<S: Space> Site<S> {
+    const UNSET: Self = Site {
+        point: S::Vector::ZERO,
+        value: 0.0,
+        normal: S::Vector::ZERO,
+        slope: false,
+        followers: 0,
+        row: 0,
+        value_precision: 0.0,
+        slope_precision: 0.0,
+        value_weight: 0.0,
+        slope_weight: S::Vector::ZERO,
+    };
+
+    fn rows(&self) -> usize {
+        if self.slope { 1 + S::DIMENSION } else { 1 }
+    }
+}
+
+/// A GPIS of at most `SITES` sites (contacts, or three times as many with
+/// [`Training::OffSurface`]) and `ROWS` rows; `PACKED` is
+/// [`packed`](crate::surface::cholesky::packed)`(ROWS)`.
+///
+/// ```
+/// use tactile_core::contact::Contact;
+/// use tactile_core::matrix::Vector;
+/// use tactile_core::space::Planar;
+/// use tactile_core::surface::{cholesky::packed, Ball, Gpis, Map, Matern32, Prior, Surface, Training};
+///
+/// // Eight touches around a disc of radius 30 mm.
+/// let mut disc = Gpis::<Planar, Matern32, Ball<Planar>, 8, 24, { packed(24) }>::new();
+/// disc.configure(Matern32 { amplitude: 0.03, lengthscale: 0.1 }, Ball::UNSET, Training::Normals);
+/// for k in 0..8 {
+///     let (sin, cos) = (k as f32 * 0.785).sin_cos();
+///     disc.insert(&Contact {
+///         point: Vector([0.03 * cos, 0.03 * sin]),
+///         normal: Some(Vector([cos, sin])),
+///         point_deviation: 1e-3,
+///         normal_deviation: 0.09,
+///         finger: 0,
+///     });
+/// }
+/// disc.refit();
+/// let outside = disc.probe(Vector([0.035, 0.0]));
+/// assert!((outside.value - 0.005).abs() < 1e-3);
+/// ```
+#[derive(Clone, Debug)]
+pub struct Gpis<
+    S: Space,
+    K: Kernel,
+    P: Prior<S>,
+    const SITES: usize,
+    const ROWS: usize,
+    const PACKED: usize,
+> {
+    kernel: K,
+    prior: P,
+    training: Training,
+    sites: [Site<S>; SITES],
+    count: usize,
+    factor: Cholesky<ROWS, PACKED>,
+    /// (K + Σ)⁻¹ (y − m), row by row: the workspace of `refit`.
+    weights: [f32; ROWS],
+    /// L⁻¹ (y − m) squared, summed: what the log likelihood needs.
+    misfit: f32,
+}
+
+impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, const PACKED: usize>
+    Gpis<S, K, P, SITES, ROWS, PACKED>
+{
+    /// An empty surface, all zero bits; [`configure`](Self::configure) it before use.
+    pub const fn new() -> Self {
+        Gpis {
+            kernel: K::UNSET,
+            prior: P::UNSET,
+            training: Training::Normals,
+            sites: [Site::UNSET; SITES],
+            count: 0,
+            factor: Cholesky::new(),
+            weights: [0.0; ROWS],
+            misfit: 0.0,
+        }
+    }
+
+    /// Sets the model and forgets every contact.
+    pub fn configure(&mut self, kernel: K, prior: P, training: Training) {
+        self.kernel = kernel;
+        self.prior = prior;
+        self.training = training;
+        self.clear();
+    }
+
+    /// The prior in force, fitted by the last [`refit`](Map::refit).
+    pub fn prior(&self) -> P {
+        self.prior
+    }
+
+    /// Number of rows in use.
+    pub fn rows(&self) -> usize {
+        self.factor.rows()
+    }
+
+    /// Value of the posterior mean at `L` points, metres. One pass over the contacts serves all
+    /// points, and each point gets the same bits whatever `L` is.
+    #[inline(always)]
+    pub fn values<const L: usize>(&self, points: &[S::Vector; L]) -> [f32; L] {
+        let mut f = [0.0; L];
+        for (f, p) in f.iter_mut().zip(points) {
+            *f = self.prior.mean(*p).0;
+        }
+        for site in self.sites() {
+            for l in 0..L {
+                let d = points[l] - site.point;
+                let Radial { k, a, .. } = self.kernel.radial(d.norm_squared());
+                f[l] += site.value_weight * k - a * site.slope_weight.dot(d);
+            }
+        }
+        f
+    }
+
+    /// Posterior variance of f at `point`, square metres, exactly (thesis 2.14): about n²/2
+    /// multiplications and `ROWS` numbers of stack.
+    pub fn variance(&self, point: S::Vector) -> f32 {
+        let mut row = [0.0; ROWS];
+        for site in self.sites() {
+            let d = point - site.point;
+            let Radial { k, a, .. } = self.kernel.radial(d.norm_squared());
+            let at = usize::from(site.row);
+            row[at] = k;
+            if site.slope {
+                for j in 0..S::DIMENSION {
+                    row[at + 1 + j] = -a * d[j];
+                }
+            }
+        }
+        let row = &mut row[..self.factor.rows()];
+        self.factor.forward(row);
+        let explained: f32 = row.iter().map(|v| v * v).sum();
+        (self.kernel.variance() - explained).max(0.0)
+    }
+
+    /// Log marginal likelihood of the contacts after the last refit (thesis 2.16, corrected).
+    pub fn log_likelihood(&self) -> f32 {
+        const HALF_LN_TAU: f32 = 0.918_938_5;
+        -0.5 * self.misfit
+            - self.factor.half_log_determinant()
+            - HALF_LN_TAU * self.factor.rows() as f32
+    }
+
+    fn sites(&self) -> &[Site<S>] {
+        &self.sites[..self.count]
+    }
+
+    /// Whether a contact of this many sites and rows still fits.
+    fn fits(&self, sites: usize, rows: usize) -> bool {
+        self.count + sites <= SITES && self.factor.rows() + rows <= ROWS
+    }
+
+    /// Appends the rows of one site.
+    fn append(
+        &mut self,
+        mut site: Site<S>,
+        value_noise: f32,
+        slope_noise: f32,
+    ) -> Result<(), NotPositiveDefinite> {
+        if !self.fits(1, site.rows()) {
+            return Err(NotPositiveDefinite);
+        }
+        let first = self.factor.rows();
+        site.row = first as u16;
+        for old in 0..self.count {
+            self.stage_cross(&site, old);
+        }
+        self.factor.stage(0)[first] = self.kernel.variance() + value_noise;
+        site.value_precision = 1.0 / (self.kernel.variance() + value_noise);
+        if site.slope {
+            for i in 0..S::DIMENSION {
+                let row = self.factor.stage(1 + i);
+                // A value and a slope at one point, and two slopes of one point, are independent.
+                row[first..].fill(0.0);
+                row[first + 1 + i] = self.kernel.slope_variance() + slope_noise;
+            }
+            site.slope_precision = 1.0 / (self.kernel.slope_variance() + slope_noise);
+        }
+        for _ in 0..site.rows() {
+            if self.factor.append().is_err() {
+                self.factor.truncate(first);
+                return Err(NotPositiveDefinite);
+            }
+        }
+        self.sites[self.count] = site;
+        self.count += 1;
+        Ok(())
+    }
+
+    /// Writes the covariances of the new `site` with the old one into the staged rows.
+    #[inline]
+    fn stage_cross(&mut self, site: &Site<S>, old: usize) {
+        let other = self.sites[old];
+        let d = site.point - other.point;
+        let Radial { k, a, b } = self.kernel.radial(d.norm_squared());
+        let at = usize::from(other.row);
+        let row = self.factor.stage(0);
+        row[at] = k;
+        if other.slope {
+            for j in 0..S::DIMENSION {
+                row[at + 1 + j] = -a * d[j];
+            }
+        }
+        if !site.slope {
+            return;
+        }
+        for i in 0..S::DIMENSION {
+            let row = self.factor.stage(1 + i);
+            row[at] = a * d[i];
+            if other.slope {
+                for j in 0..S::DIMENSION {
+                    let diagonal = if i == j { a } else { 0.0 };
+                    row[at + 1 + j] = -(b * d[i] * d[j] + diagonal);
+                }
+            }
+        }
+    }
+
+    /// Appends all sites of a contact, or none.
+    fn append_contact(&mut self, contact: &Contact<S>) -> Result<(), NotPositiveDefinite> {
+        let value_noise = contact.point_deviation * contact.point_deviation;
+        let slope_noise = contact.normal_deviation * contact.normal_deviation;
+        let surface = Site { point: contact.point, ..Site::UNSET };
+        match (contact.normal, self.training) {
+            (None, _) => self.append(surface, value_noise, 0.0),
+            (Some(normal), Training::Normals) => {
+                self.append(Site { normal, slope: true, ..surface }, value_noise, slope_noise)
+            }
+            (Some(normal), Training::OffSurface(distance)) => {
+                let (sites, rows) = (self.count, self.factor.rows());
+                let mut outcome = self.append(Site { followers: 2, ..surface }, value_noise, 0.0);
+                for value in [distance, -distance] {
+                    let point = contact.point + normal * value;
+                    outcome = outcome.and_then(|()| {
+                        self.append(Site { point, value, ..surface }, value_noise, 0.0)
+                    });
+                }
+                if outcome.is_err() {
+                    self.count = sites;
+                    self.factor.truncate(rows);
+                }
+                outcome
+            }
+        }
+    }
+
+    /// Removes the contact whose first site is `leader`.
+    fn remove(&mut self, leader: usize) {
+        let last = leader + usize::from(self.sites[leader].followers);
+        for index in (leader..=last).rev() {
+            let site = self.sites[index];
+            let (row, rows) = (usize::from(site.row), site.rows());
+            for r in (row..row + rows).rev() {
+                self.factor.remove(r);
+            }
+            self.sites.copy_within(index + 1..self.count, index);
+            self.count -= 1;
+            for later in &mut self.sites[index..self.count] {
+                later.row -= rows as u16;
+            }
+        }
+    }
+
+    /// Indices of the first site of every contact.
+    fn leaders(&self) -> impl Iterator<Item = usize> + '_ {
+        let mut next = 0;
+        core::iter::from_fn(move || {
+            let leader = next;
+            let site = self.sites().get(leader)?;
+            next += 1 + usize::from(site.followers);
+            Some(leader)
+        })
+    }
+
+    /// Variance that remains of f at `point` when only the best single contact other than `except`
+    /// is known: how little that point would be missed.
+    fn novelty(&self, point: S::Vector, except: Option<usize>) -> f32 {
+        let mut least = self.kernel.variance();
+        for leader in self.leaders() {
+            if Some(leader) != except {
+                let site = &self.sites[leader];
+                let d2 = (point - site.point).norm_squared();
+                least = least.min(self.variance_given(site, d2, self.kernel.radial(d2)));
+            }
+        }
+        least
+    }
+
+    /// Variance of f at squared distance `d2` from one site when nothing else is known: an upper
+    /// bound of the posterior variance, since a value and its slopes are independent at one point.
+    #[inline(always)]
+    fn variance_given(&self, site: &Site<S>, d2: f32, radial: Radial) -> f32 {
+        let Radial { k, a, .. } = radial;
+        self.kernel.variance() - k * k * site.value_precision - a * a * d2 * site.slope_precision
+    }
+
+    /// The same for one component of ∇f, averaged over the components.
+    #[inline(always)]
+    fn slope_variance_given(&self, site: &Site<S>, d2: f32, radial: Radial) -> f32 {
+        let Radial { a, b, .. } = radial;
+        let dimension = S::DIMENSION as f32;
+        let slope = b * d2 * (b * d2 + 2.0 * a) + dimension * a * a;
+        self.kernel.slope_variance()
+            - (a * a * d2 * site.value_precision + slope * site.slope_precision) * (1.0 / dimension)
+    }
+}
+
+impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, const PACKED: usize>
+    Default for Gpis<S, K, P, SITES, ROWS, PACKED>
+{
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, const PACKED: usize>
+    Surface<S> for Gpis<S, K, P, SITES, ROWS, PACKED>
+{
+    /// Mean and its gradient exactly; the two variances as the least upper bound that any single
+    /// contact gives, at one more multiplication or two per contact. [`Gpis::variance`] is exact.
+    #[inline]
+    fn probe(&self, point: S::Vector) -> Probe<S> {
+        let (mut value, mut gradient) = self.prior.mean(point);
+        let mut variance = self.kernel.variance();
+        let mut slope_variance = self.kernel.slope_variance();
+        let mut nearest = f32::INFINITY;
+        for site in self.sites() {
+            let d = point - site.point;
+            let d2 = d.norm_squared();
+            let radial = self.kernel.radial(d2);
+            let Radial { k, a, b } = radial;
+            let along = site.slope_weight.dot(d);
+            value += site.value_weight * k - a * along;
+            gradient += d * (site.value_weight * a - b * along) - site.slope_weight * a;
+            variance = variance.min(self.variance_given(site, d2, radial));
+            slope_variance = slope_variance.min(self.slope_variance_given(site, d2, radial));
+            nearest = nearest.min(d2);
+        }
+        Probe {
+            value,
+            gradient,
+            variance: variance.max(0.0),
+            slope_variance: slope_variance.max(0.0),
+            nearest: crate::math::sqrt(nearest),
+        }
+    }
+}
+
+impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, const PACKED: usize>
+    Map<S> for Gpis<S, K, P, SITES, ROWS, PACKED>
+{
+    fn insert(&mut self, contact: &Contact<S>) -> Insertion {
+        let (sites, rows) = match (contact.normal, self.training) {
+            (None, _) => (1, 1),
+            (Some(_), Training::Normals) => (1, 1 + S::DIMENSION),
+            (Some(_), Training::OffSurface(_)) => (3, 3),
+        };
+        let mut evicted = 0;
+        while !self.fits(sites, rows) {
+            let mut least = self.novelty(contact.point, None);
+            let mut redundant = None;
+            for leader in self.leaders() {
+                let novelty = self.novelty(self.sites[leader].point, Some(leader));
+                if novelty < least {
+                    least = novelty;
+                    redundant = Some(leader);
+                }
+            }
+            let Some(leader) = redundant else {
+                return Insertion::Dropped;
+            };
+            self.remove(leader);
+            evicted += 1;
+        }
+        match self.append_contact(contact) {
+            Err(NotPositiveDefinite) => Insertion::Dropped,
+            Ok(()) if evicted > 0 => Insertion::Replaced(evicted),
+            Ok(()) => Insertion::Stored,
+        }
+    }
+
+    fn refit(&mut self) {
+        let mut points = [S::Vector::ZERO; SITES];
+        let mut contacts = 0;
+        for leader in self.leaders() {
+            points[contacts] = self.sites[leader].point;
+            contacts += 1;
+        }
+        self.prior = self.prior.fitted(&points[..contacts]);
+        for site in &self.sites[..self.count] {
+            let (mean, slope) = self.prior.mean(site.point);
+            let row = usize::from(site.row);
+            self.weights[row] = site.value - mean;
+            if site.slope {
+                for j in 0..S::DIMENSION {
+                    self.weights[row + 1 + j] = site.normal[j] - slope[j];
+                }
+            }
+        }
+        let weights = &mut self.weights[..self.factor.rows()];
+        self.factor.forward(weights);
+        self.misfit = weights.iter().map(|v| v * v).sum();
+        self.factor.backward(weights);
+        for site in &mut self.sites[..self.count] {
+            let row = usize::from(site.row);
+            site.value_weight = weights[row];
+            if site.slope {
+                site.slope_weight = S::Vector::from_fn(|j| weights[row + 1 + j]);
+            }
+        }
+    }
+
+    fn clear(&mut self) {
+        self.count = 0;
+        self.factor.truncate(0);
+        self.misfit = 0.0;
+    }
+
+    fn contacts(&self) -> usize {
+        self.leaders().count()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::matrix::Vector;
+    use crate::space::{Planar, Pose, Spatial, SpatialPose};
+    use crate::surface::cholesky::packed;
+    use crate::surface::{Ball, Constant, Matern32, SquaredExponential, ThinPlate};
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    type Plane<K> = Gpis<Planar, K, Ball<Planar>, 24, 72, { packed(72) }>;
+
+    fn circle(count: usize, radius: f32) -> Vec<Contact<Planar>> {
+        (0..count)
+            .map(|i| {
+                let (s, c) = (core::f32::consts::TAU * (i as f32 + 0.3) / count as f32).sin_cos();
+                Contact {
+                    point: Vector([0.01 + radius * c, -0.02 + radius * s]),
+                    normal: Some(Vector([c, s])),
+                    point_deviation: 1e-3,
+                    normal_deviation: 0.0873,
+                    finger: 0,
+                }
+            })
+            .collect()
+    }
+
+    fn learnt<K: Kernel>(kernel: K, training: Training, contacts: &[Contact<Planar>]) -> Plane<K> {
+        let mut map = Plane::new();
+        map.configure(kernel, Ball::UNSET, training);
+        for c in contacts {
+            assert_eq!(map.insert(c), Insertion::Stored);
+        }
+        map.refit();
+        map
+    }
+
+    const MATERN: Matern32 = Matern32 { amplitude: 0.03, lengthscale: 0.1 };
+
+    fn reproduces_circle<K: Kernel>(kernel: K, training: Training) {
+        let contacts = circle(8, 0.03);
+        let map = learnt(kernel, training, &contacts);
+        for angle in 0..20 {
+            let (s, c) = (angle as f32 * 0.314).sin_cos();
+            let probe = map.probe(Vector([0.01 + 0.033 * c, -0.02 + 0.033 * s]));
+            // Off-surface points of a curved contour pull the field a little.
+            let tolerance = if training == Training::Normals { 6e-4 } else { 1e-3 };
+            assert!((probe.value - 0.003).abs() < tolerance, "{} {training:?}", probe.value);
+            assert!((probe.gradient.dot(Vector([c, s])) - 1.0).abs() < 0.15);
+        }
+    }
+
+    #[test]
+    fn every_kernel_and_training_reproduces_a_circle() {
+        for training in [Training::Normals, Training::OffSurface(0.01)] {
+            reproduces_circle(MATERN, training);
+            reproduces_circle(SquaredExponential { amplitude: 0.03, lengthscale: 0.04 }, training);
+            reproduces_circle(ThinPlate { amplitude: 0.05, range: 0.3 }, training);
+        }
+    }
+
+    #[test]
+    fn batches_have_the_same_bits() {
+        let map = learnt(MATERN, Training::Normals, &circle(11, 0.03));
+        let points: [Vector<2>; 8] = core::array::from_fn(|i| Vector([0.01 * i as f32, 0.02]));
+        let together = map.values(&points);
+        for (p, f) in points.iter().zip(together) {
+            assert_eq!(map.values(&[*p])[0].to_bits(), f.to_bits());
+            assert!((map.probe(*p).value - f).abs() < 1e-6);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn gradient_is_the_slope_of_the_value(x in -0.06f32..0.06, y in -0.06f32..0.06) {
+            let map = learnt(MATERN, Training::Normals, &circle(9, 0.03));
+            let h = 1e-3;
+            let probe = map.probe(Vector([x, y]));
+            let dx = (map.probe(Vector([x + h, y])).value - map.probe(Vector([x - h, y])).value) / (2.0 * h);
+            let dy = (map.probe(Vector([x, y + h])).value - map.probe(Vector([x, y - h])).value) / (2.0 * h);
+            prop_assert!((probe.gradient - Vector([dx, dy])).norm() < 0.02);
+        }
+
+        #[test]
+        fn bound_is_a_bound(x in -0.08f32..0.08, y in -0.08f32..0.08, count in 1usize..12) {
+            let map = learnt(MATERN, Training::Normals, &circle(count, 0.03));
+            let p = Vector([x, y]);
+            prop_assert!(map.probe(p).variance >= map.variance(p) - 1e-8);
+        }
+
+        #[test]
+        fn moving_the_contacts_moves_the_surface(t in proptest::array::uniform6(-0.5f32..0.5)) {
+            let pose = SpatialPose::IDENTITY.retract(Vector(t));
+            let learn = |pose: &SpatialPose| {
+                let mut map = Gpis::<Spatial, Matern32, Constant, 6, 24, { packed(24) }>::new();
+                map.configure(MATERN, Constant(0.01), Training::Normals);
+                for (p, n) in [([0.03, 0.0, 0.0], [1.0, 0.0, 0.0]), ([0.0, 0.02, 0.01], [0.0, 1.0, 0.0]), ([0.0, 0.0, -0.03], [0.0, 0.0, -1.0])] {
+                    map.insert(&Contact {
+                        point: pose.transform(Vector(p)),
+                        normal: Some(pose.rotate(Vector(n))),
+                        point_deviation: 1e-3,
+                        normal_deviation: 0.09,
+                        finger: 0,
+                    });
+                }
+                map.refit();
+                map
+            };
+            let q = Vector([0.01, -0.02, 0.03]);
+            let (here, there) = (learn(&SpatialPose::IDENTITY), learn(&pose));
+            prop_assert!((here.probe(q).value - there.probe(pose.transform(q)).value).abs() < 1e-5);
+            prop_assert!((here.variance(q) - there.variance(pose.transform(q))).abs() < 2e-7);
+        }
+    }
+
+    #[test]
+    fn far_away_the_prior_returns() {
+        let map = learnt(MATERN, Training::Normals, &circle(5, 0.03));
+        let probe = map.probe(Vector([2.0, 0.0]));
+        assert!((probe.value - map.prior().mean(Vector([2.0, 0.0])).0).abs() < 1e-5);
+        assert!((probe.variance - MATERN.variance()).abs() < 1e-8);
+        assert_eq!(Plane::<Matern32>::new().probe(Vector([1.0, 0.0])).nearest, f32::INFINITY);
+    }
+
+    #[test]
+    fn at_capacity_the_most_redundant_goes() {
+        for (training, count) in [(Training::Normals, 24), (Training::OffSurface(0.01), 8)] {
+            let contacts = circle(count, 0.03);
+            let mut map = learnt(MATERN, training, &contacts);
+            // A touch 0.1 mm from an old one tells nothing.
+            let mut repeat = contacts[3];
+            repeat.point += Vector([1e-4, 0.0]);
+            let before = map.contacts();
+            assert_eq!(map.insert(&repeat), Insertion::Dropped);
+            // A touch elsewhere does.
+            let novel = Contact { point: Vector([0.09, 0.0]), ..repeat };
+            assert_eq!(map.insert(&novel), Insertion::Replaced(1));
+            map.refit();
+            assert_eq!(map.contacts(), before);
+            let probe = map.probe(novel.point);
+            assert!(probe.value.abs() < 1e-3 && map.variance(novel.point) < 2e-6);
+        }
+    }
+
+    #[test]
+    fn removal_leaves_what_a_fresh_surface_would_be() {
+        let contacts = circle(9, 0.03);
+        let mut map = learnt(MATERN, Training::Normals, &contacts);
+        map.remove(4);
+        map.refit();
+        let rest: Vec<_> =
+            contacts.iter().enumerate().filter(|(i, _)| *i != 4).map(|(_, c)| *c).collect();
+        let fresh = learnt(MATERN, Training::Normals, &rest);
+        let q = Vector([0.02, 0.02]);
+        assert!((map.probe(q).value - fresh.probe(q).value).abs() < 1e-6);
+        assert!((map.variance(q) - fresh.variance(q)).abs() < 1e-7);
+        assert!((map.log_likelihood() - fresh.log_likelihood()).abs() < 1e-2);
+    }
+
+    #[test]
+    fn contacts_without_normals_count_as_points() {
+        let mut contacts = circle(10, 0.03);
+        for c in &mut contacts[5..] {
+            c.normal = None;
+        }
+        let map = learnt(MATERN, Training::Normals, &contacts);
+        assert_eq!(map.rows(), 5 * 3 + 5);
+        assert!(contacts.iter().all(|c| map.probe(c.point).value.abs() < 5e-4));
+    }
+}

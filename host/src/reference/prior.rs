@@ -1,0 +1,71 @@
+//! What the field is believed to be before any contact.
+
+use super::gpis::Error;
+use crate::space::Point;
+
+/// Mean of the Gaussian process before data (thesis 2.18–2.20; the sign of 2.18 corrected: what is
+/// subtracted from the targets is added to the prediction).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Prior {
+    /// The same value everywhere, metres; its gradient is zero.
+    Constant(f64),
+    /// (|p − c|²/R − R)/2: zero on the circle or sphere, gradient of length one there, growing
+    /// away from the object, so that a pose that drifts off is punished.
+    Ball {
+        /// c, metres.
+        centre: Point,
+        /// R, metres.
+        radius: f64,
+    },
+}
+
+impl Prior {
+    /// Least radius of [`Prior::about`], metres.
+    pub const LEAST_RADIUS: f64 = 0.005;
+
+    /// The ball about contact points: centred in their bounding box, its radius their mean distance
+    /// from that centre, at least [`Prior::LEAST_RADIUS`]. `None` without points.
+    pub fn about(points: impl IntoIterator<Item = Point>) -> Option<Prior> {
+        let points: Vec<Point> = points.into_iter().collect();
+        let first = points.first()?;
+        let low = points.iter().fold(*first, |low, p| low.inf(p));
+        let high = points.iter().fold(*first, |high, p| high.sup(p));
+        let centre = (low + high) / 2.0;
+        let mean = points.iter().map(|p| (p - centre).norm()).sum::<f64>() / points.len() as f64;
+        Some(Prior::Ball { centre, radius: mean.max(Self::LEAST_RADIUS) })
+    }
+
+    /// Refuses parameters that are not finite, or a radius that is not positive.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] names the parameter and its value.
+    pub fn check(&self) -> Result<(), Error> {
+        let bad = |name, value| Err(Error::Parameter { name, value });
+        match self {
+            Prior::Constant(value) if !value.is_finite() => bad("prior value", *value),
+            Prior::Ball { centre, .. } if !centre.norm().is_finite() => {
+                bad("distance of the prior's centre", centre.norm())
+            }
+            Prior::Ball { radius, .. } if !(*radius > 0.0 && radius.is_finite()) => {
+                bad("prior radius", *radius)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Value at `p`, metres.
+    pub fn value(&self, p: &Point) -> f64 {
+        match self {
+            Prior::Constant(value) => *value,
+            Prior::Ball { centre, radius } => 0.5 * ((p - centre).norm_squared() / radius - radius),
+        }
+    }
+
+    /// Gradient at `p`.
+    pub fn gradient(&self, p: &Point) -> Point {
+        match self {
+            Prior::Constant(_) => Point::zeros(),
+            Prior::Ball { centre, radius } => (p - centre) / *radius,
+        }
+    }
+}

@@ -1,0 +1,313 @@
+//! The dense surface against closed forms, finite differences and symmetries.
+
+use proptest::prelude::*;
+
+use super::gpis::Error;
+use super::*;
+use crate::shape::Field;
+use nalgebra::{UnitQuaternion, Vector3};
+
+const KERNELS: [Kernel; 3] = [
+    Kernel::SquaredExponential { amplitude: 0.03, lengthscale: 0.05 },
+    Kernel::Matern32 { amplitude: 0.03, lengthscale: 0.08 },
+    Kernel::ThinPlate { amplitude: 0.2, range: 0.8 },
+];
+
+const TRAININGS: [Training; 2] = [Training::Derivative, Training::OffSurface { distance: 0.01 }];
+
+fn contact(point: Point, normal: Point) -> Contact {
+    Contact { point, normal: Some(normal), point_deviation: 1e-3, normal_deviation: 0.0873 }
+}
+
+/// Contacts on an ellipse or ellipsoid, at pseudo-random places given by `seed`.
+fn ellipsoid(dimension: usize, count: usize, seed: u64) -> Vec<Contact> {
+    let mut state = seed.wrapping_mul(2).wrapping_add(1);
+    let mut uniform = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (state >> 33) as f64 / (1u64 << 31) as f64
+    };
+    let axes = Point::new(0.06, 0.03, 0.04);
+    (0..count)
+        .map(|_| {
+            let (turn, z) = (std::f64::consts::TAU * uniform(), 1.8 * uniform() - 0.9);
+            let z = if dimension == 3 { z } else { 0.0 };
+            let ring = (1.0 - z * z).sqrt();
+            let unit = Point::new(ring * turn.cos(), ring * turn.sin(), z);
+            contact(unit.component_mul(&axes), unit.component_div(&axes).normalize())
+        })
+        .collect()
+}
+
+fn fit(dimension: usize, kernel: Kernel, training: Training, contacts: &[Contact]) -> Gpis {
+    let prior = Prior::about(contacts.iter().map(|c| c.point)).unwrap();
+    Gpis::fit(dimension, kernel, prior, training, contacts).unwrap()
+}
+
+/// Every model on its own contacts.
+fn models(seed: u64) -> impl Iterator<Item = (Gpis, Vec<Contact>)> {
+    [2, 3].into_iter().flat_map(move |dimension| {
+        TRAININGS.into_iter().flat_map(move |training| {
+            KERNELS.into_iter().map(move |kernel| {
+                let contacts = ellipsoid(dimension, 9, seed);
+                (fit(dimension, kernel, training, &contacts), contacts)
+            })
+        })
+    })
+}
+
+#[test]
+fn one_contact_by_hand() {
+    // One contact at the origin with normal +x: value and slopes there are uncorrelated, so the
+    // slope along x alone carries the mean.
+    let (s, l, point, normal) = (0.04, 0.05, 0.001, 0.1);
+    let touch = Contact {
+        point: Point::zeros(),
+        normal: Some(Point::x()),
+        point_deviation: point,
+        normal_deviation: normal,
+    };
+    let kernel = Kernel::SquaredExponential { amplitude: s, lengthscale: l };
+    let prior = Prior::Constant(0.0);
+    let surface = Gpis::fit(2, kernel, prior, Training::Derivative, &[touch]).unwrap();
+    let (x, y) = (0.013, -0.007);
+    let k = s * s * (-(x * x + y * y) / (2.0 * l * l)).exp();
+    let slope = s * s / (l * l) + normal * normal;
+    let p = [Point::new(x, y, 0.0)];
+    assert!((surface.values(&p)[0] - k * x / (l * l) / slope).abs() < 1e-15);
+    let variance =
+        s * s - k * k / (s * s + point * point) - (k / (l * l)).powi(2) * (x * x + y * y) / slope;
+    assert!((surface.variances(&p)[0] - variance).abs() < 1e-15);
+    let at_contact = s * s / (l * l) - (s * s / (l * l)).powi(2) / slope;
+    assert!((surface.gradient_variances(&[Point::zeros()])[0] - at_contact).abs() < 1e-12);
+    let expected = -0.5
+        * (1.0 / slope
+            + (s * s + point * point).ln()
+            + 2.0 * slope.ln()
+            + 3.0 * std::f64::consts::TAU.ln());
+    assert!((surface.log_marginal_likelihood() - expected).abs() < 1e-12);
+}
+
+#[test]
+fn off_surface_by_hand() {
+    // Far apart compared with the lengthscale, the three values do not know of each other.
+    let kernel = Kernel::Matern32 { amplitude: 0.02, lengthscale: 1e-4 };
+    let training = Training::OffSurface { distance: 0.02 };
+    let touch = contact(Point::new(0.01, 0.02, 0.03), Point::z());
+    let surface = Gpis::fit(3, kernel, Prior::Constant(0.005), training, &[touch]).unwrap();
+    assert_eq!(surface.rows(), 3);
+    let gain = 4e-4 / (4e-4 + 1e-6);
+    for (height, target) in [(0.03, 0.0), (0.05, 0.02), (0.01, -0.02)] {
+        let f = surface.values(&[Point::new(0.01, 0.02, height)])[0];
+        assert!((f - (0.005 + gain * (target - 0.005))).abs() < 1e-12, "{height}: {f}");
+    }
+}
+
+#[test]
+fn without_contacts_the_prior_speaks() {
+    let ball = Prior::Ball { centre: Point::new(0.01, 0.0, 0.0), radius: 0.04 };
+    let surface = Gpis::fit(3, KERNELS[1], ball, Training::Derivative, &[]).unwrap();
+    let on = [Point::new(0.01, 0.04, 0.0)];
+    assert!(surface.values(&on)[0].abs() < 1e-15);
+    assert!((surface.gradients(&on)[0] - Point::y()).norm() < 1e-12);
+    assert!((surface.variances(&on)[0] - 0.03f64.powi(2)).abs() < 1e-15);
+    assert!((surface.deviations(&on)[0] - 0.03).abs() < 1e-12);
+    assert_eq!(surface.log_marginal_likelihood(), 0.0);
+}
+
+#[test]
+fn contacts_are_interpolated_without_noise() {
+    for dimension in [2, 3] {
+        let mut contacts = ellipsoid(dimension, 8, 5);
+        for c in &mut contacts {
+            (c.point_deviation, c.normal_deviation) = (1e-6, 1e-4);
+        }
+        let surface = fit(dimension, KERNELS[1], Training::Derivative, &contacts);
+        for c in &contacts {
+            let e = surface.evaluate(&[c.point])[0];
+            assert!(e.value.abs() < 1e-6, "{e:?}");
+            assert!((e.gradient - c.normal.unwrap()).norm() < 1e-3, "{e:?}");
+            assert!(e.variance < 2e-12 && e.gradient_variance < 2e-8, "{e:?}");
+        }
+    }
+}
+
+#[test]
+fn variance_returns_to_the_prior_far_away() {
+    for kernel in &KERNELS[..2] {
+        let surface = fit(3, *kernel, Training::Derivative, &ellipsoid(3, 9, 1));
+        let near = surface.variances(&[Point::new(0.06, 0.0, 0.0)])[0];
+        let far = surface.variances(&[Point::new(2.0, 0.0, 0.0)])[0];
+        assert!(near < 0.5 * far && (far - 0.03f64.powi(2)).abs() < 1e-9, "{near} {far}");
+    }
+}
+
+#[test]
+fn both_trainings_find_a_circle() {
+    let radius = 0.05;
+    let contacts: Vec<Contact> = (0..40)
+        .map(|i| f64::from(i) * std::f64::consts::TAU / 40.0)
+        .map(|a| Point::new(a.cos(), a.sin(), 0.0))
+        .map(|n| Contact {
+            point_deviation: 1e-4,
+            normal_deviation: 0.01,
+            ..contact(n * radius, n)
+        })
+        .collect();
+    // The wrong prior: half the size, beside the middle.
+    let prior = Prior::Ball { centre: Point::new(0.005, 0.0, 0.0), radius: 0.025 };
+    for kernel in KERNELS {
+        let fits = TRAININGS.map(|t| Gpis::fit(2, kernel, prior, t, &contacts).unwrap());
+        for i in 0..100 {
+            let a = f64::from(i) * 0.0628;
+            let n = Point::new(a.cos(), a.sin(), 0.0);
+            for (distance, tolerance) in [(-0.005, 1.5e-3), (0.0, 5e-5), (0.005, 1.5e-3)] {
+                let p = [n * (radius + distance)];
+                let [one, other] = [fits[0].values(&p)[0], fits[1].values(&p)[0]];
+                assert!((one - distance).abs() < tolerance, "{kernel:?} at {distance}: {one}");
+                assert!((one - other).abs() < tolerance, "{kernel:?} at {distance}: {one} {other}");
+            }
+        }
+    }
+}
+
+#[test]
+fn bad_input_is_named() {
+    let good = ellipsoid(2, 5, 3);
+    let fit = |dimension, kernel, contacts: &[Contact]| {
+        Gpis::fit(dimension, kernel, Prior::Constant(0.0), Training::Derivative, contacts)
+            .unwrap_err()
+    };
+    let small = Kernel::ThinPlate { amplitude: 0.05, range: 0.1 };
+    match fit(2, small, &good) {
+        Error::Range { range, least } => assert!(range == 0.1 && least > 0.1, "{least}"),
+        other => panic!("{other}"),
+    }
+    let zero = Kernel::Matern32 { amplitude: 0.03, lengthscale: 0.0 };
+    assert_eq!(fit(2, zero, &good), Error::Parameter { name: "lengthscale", value: 0.0 });
+    assert_eq!(fit(4, KERNELS[0], &good), Error::Dimension(4));
+    let spoiled = |spoil: fn(&mut Contact)| {
+        let mut contacts = good.clone();
+        spoil(&mut contacts[3]);
+        fit(2, KERNELS[0], &contacts).to_string()
+    };
+    assert!(spoiled(|c| c.point.x = f64::NAN).starts_with("contact 3: the point"));
+    assert!(spoiled(|c| c.point.z = 0.1).contains("z zero in the plane"));
+    assert!(spoiled(|c| c.normal = Some(Point::x() * 1.1)).contains("length 1"));
+    assert!(spoiled(|c| c.normal_deviation = 0.0).contains("positive"));
+    let many = vec![good[0]; Gpis::MOST_ROWS / 3 + 1];
+    assert!(matches!(fit(2, KERNELS[0], &many), Error::TooLarge { .. }));
+    // The same contact twice, as good as without noise.
+    let mut twice = vec![good[0], good[1], good[0]];
+    twice.iter_mut().for_each(|c| c.point_deviation = 1e-12);
+    assert_eq!(fit(2, KERNELS[0], &twice), Error::NotPositiveDefinite { row: 6, contact: 2 });
+}
+
+#[test]
+fn the_default_ball_stands_about_the_contacts() {
+    let points =
+        [Point::new(0.0, 0.0, 0.0), Point::new(0.08, 0.0, 0.0), Point::new(0.04, 0.06, 0.0)];
+    let Some(Prior::Ball { centre, radius }) = Prior::about(points) else { panic!() };
+    assert!((centre - Point::new(0.04, 0.03, 0.0)).norm() < 1e-15);
+    assert!((radius - (0.05 + 0.05 + 0.03) / 3.0).abs() < 1e-15);
+    assert_eq!(Prior::about([]), None);
+    let Some(Prior::Ball { radius, .. }) = Prior::about([points[1]; 3]) else { panic!() };
+    assert_eq!(radius, Prior::LEAST_RADIUS);
+}
+
+fn point() -> impl Strategy<Value = Point> {
+    proptest::array::uniform3(-0.08..0.08).prop_map(Point::from)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+
+    #[test]
+    fn gradient_is_the_derivative(seed in any::<u64>(), p in point()) {
+        for (surface, _) in models(seed) {
+            let g = surface.gradients(&[p])[0];
+            for axis in 0..3 {
+                let mut step = Point::zeros();
+                step[axis] = 1e-5;
+                let ends = surface.values(&[p + step, p - step]);
+                prop_assert!((g[axis] - (ends[0] - ends[1]) / 2e-5).abs() < 1e-5);
+            }
+        }
+    }
+
+    #[test]
+    fn gradient_variance_is_the_variance_of_a_difference(seed in any::<u64>(), p in point()) {
+        // Only the squared exponential is smooth enough to compare with a finite difference. On a
+        // surface that has been told f(p), f(p ± h) is uncertain by the slope alone.
+        let contacts = ellipsoid(2, 6, seed);
+        let surface = fit(2, KERNELS[0], Training::Derivative, &contacts);
+        let told = Contact { point: Point::new(p.x, p.y, 0.0), normal: None, point_deviation: 1e-7, normal_deviation: 0.1 };
+        let prior = Prior::about(contacts.iter().map(|c| c.point)).unwrap();
+        let mut more = contacts.clone();
+        more.push(told);
+        let knowing = Gpis::fit(2, KERNELS[0], prior, Training::Derivative, &more).unwrap();
+        let h = 1e-3;
+        let mut sum = 0.0;
+        for step in [Point::x(), -Point::x(), Point::y(), -Point::y()] {
+            sum += knowing.variances(&[p + step * h])[0] / (h * h) / 4.0;
+        }
+        let direct = knowing.gradient_variances(&[p])[0];
+        prop_assert!((sum / direct - 1.0).abs() < 0.02, "{sum} {direct}");
+        prop_assert!(direct <= surface.gradient_variances(&[p])[0] + 1e-12);
+    }
+
+    #[test]
+    fn variance_is_between_nothing_and_the_prior(seed in any::<u64>(), p in point()) {
+        let priors = [0.03f64, 0.03, 0.2].map(|s| s * s);
+        for ((surface, _), prior) in models(seed).zip(priors.into_iter().cycle()) {
+            let v = surface.variances(&[p])[0];
+            prop_assert!(v > 0.0 && v <= prior, "{v}");
+            prop_assert!(surface.deviations(&[p])[0] > 0.0);
+        }
+    }
+
+    #[test]
+    fn more_contacts_never_make_it_less_certain(seed in any::<u64>(), p in point()) {
+        let contacts = ellipsoid(3, 9, seed);
+        for kernel in KERNELS {
+            let few = fit(3, kernel, Training::Derivative, &contacts[..5]).variances(&[p])[0];
+            let all = fit(3, kernel, Training::Derivative, &contacts).variances(&[p])[0];
+            prop_assert!(all <= few + 1e-12, "{all} {few}");
+        }
+    }
+
+    #[test]
+    fn moving_everything_moves_the_surface(
+        seed in any::<u64>(),
+        p in point(),
+        t in point(),
+        turn in proptest::array::uniform3(-2.0..2.0f64),
+    ) {
+        for (surface, contacts) in models(seed) {
+            let planar = surface.dimension() == 2;
+            let turn = Vector3::from(turn);
+            let turn = if planar { Vector3::new(0.0, 0.0, turn.z) } else { turn };
+            let t = if planar { Point::new(t.x, t.y, 0.0) } else { t };
+            let p = if planar { Point::new(p.x, p.y, 0.0) } else { p };
+            let pose = Pose::from_parts(t.into(), UnitQuaternion::from_scaled_axis(turn));
+            let moved: Vec<Contact> = contacts.iter().map(|c| c.transformed(&pose)).collect();
+            // A bounding box turns differently: take the middle of the contacts along instead.
+            let middle = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len() as f64;
+            for kernel in KERNELS {
+                let fit = |centre, contacts: &[Contact]| {
+                    let prior = Prior::Ball { centre, radius: 0.04 };
+                    Gpis::fit(surface.dimension(), kernel, prior, Training::Derivative, contacts)
+                        .unwrap()
+                };
+                let here = fit(middle, &contacts);
+                let there = fit(pose.rotation * middle + t, &moved);
+                let q = pose.rotation * p + t;
+                let (a, b) = (here.evaluate(&[p])[0], there.evaluate(&[q])[0]);
+                prop_assert!((a.value - b.value).abs() < 1e-9);
+                prop_assert!((pose.rotation * a.gradient - b.gradient).norm() < 1e-7);
+                prop_assert!((a.variance - b.variance).abs() < 1e-10);
+                prop_assert!((a.gradient_variance - b.gradient_variance).abs() < 1e-7);
+                prop_assert!((here.log_marginal_likelihood() - there.log_marginal_likelihood()).abs() < 1e-6);
+            }
+        }
+    }
+}
