@@ -42,15 +42,15 @@ pub struct Vitals {
     pub stack: u32,
 }
 
-/// A tracker that a [`Device`] can set up over the link.
-pub trait Tunable {
+/// A tracker that can live on a board.
+pub trait Onboard<S: WireSpace>: Tracker<S> {
     /// Contacts the map can hold.
     const MAP: usize;
     /// Particles of the filter.
     const PARTICLES: usize;
 
-    /// Sets how much the object moves between grasps beyond what the hand intended.
-    fn set_motion_noise(&mut self, noise: MotionNoise);
+    /// Sets the model of the surface; called before the first use.
+    fn prepare(&mut self);
 }
 
 /// A tracker behind a link. `CONTACTS` contacts, and as many free points, fit in one grasp.
@@ -66,11 +66,13 @@ pub struct Device<T, S: WireSpace, const CONTACTS: usize> {
     decoder: Decoder<Command<S>>,
     grasp: Grasp<S, CONTACTS>,
     motion: Option<S::Pose>,
-    settings: Settings,
+    /// `None` stands for the defaults, so that a new device is all zero bits.
+    settings: Option<Settings>,
     health: Health,
     estimate: Option<EstimateFrame<S>>,
     answer: Answer<S>,
-    configured: bool,
+    /// Whether the tracker has its model and settings.
+    ready: bool,
 }
 
 /// The frames that answer the last command, kept to be sent again.
@@ -95,19 +97,20 @@ impl<S: WireSpace> Answer<S> {
     }
 }
 
-impl<T: Tracker<S> + Tunable, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> {
-    /// A device that has heard nothing yet; `const`, so that it can live in static memory.
+impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> {
+    /// A device that has heard nothing yet. All zero bits when the tracker is, so that a static one
+    /// takes no flash.
     pub const fn new(tracker: T) -> Self {
         Device {
             tracker,
             decoder: Decoder::new(),
             grasp: Grasp::new(),
             motion: None,
-            settings: Settings::DEFAULT,
+            settings: None,
             health: Health::NONE,
             estimate: None,
             answer: Answer { bytes: Vec::new(), to: 0, next: 0, space: PhantomData },
-            configured: false,
+            ready: false,
         }
     }
 
@@ -183,7 +186,7 @@ impl<T: Tracker<S> + Tunable, S: WireSpace, const CONTACTS: usize> Device<T, S, 
                 if !settings.is_valid() {
                     return Err(Refusal::Settings);
                 }
-                self.settings = settings;
+                self.settings = Some(settings);
                 self.reset();
             }
             Command::Reset => self.reset(),
@@ -194,7 +197,7 @@ impl<T: Tracker<S> + Tunable, S: WireSpace, const CONTACTS: usize> Device<T, S, 
                 self.motion = Some(frame.motion().ok_or(Refusal::Motion)?);
             }
             Command::Contact(frame) => {
-                let contact = frame.contact(&self.settings);
+                let contact = frame.contact(&self.settings.unwrap_or(Settings::DEFAULT));
                 self.grasp.contacts.push(contact).map_err(|_| self.overfull())?;
             }
             Command::Free(frame) => {
@@ -211,9 +214,8 @@ impl<T: Tracker<S> + Tunable, S: WireSpace, const CONTACTS: usize> Device<T, S, 
     }
 
     fn commit(&mut self, board: &mut impl Board) {
-        if !self.configured {
-            // Static memory is all zero: a host that never configures gets the defaults.
-            self.apply_settings();
+        if !self.ready {
+            self.start();
         }
         if self.grasp.contacts.is_empty() {
             self.health.empty = self.health.empty.saturating_add(1);
@@ -245,16 +247,20 @@ impl<T: Tracker<S> + Tunable, S: WireSpace, const CONTACTS: usize> Device<T, S, 
         self.grasp.clear();
         self.motion = None;
         self.estimate = None;
-        self.apply_settings();
+        self.start();
     }
 
-    fn apply_settings(&mut self) {
-        self.configured = true;
+    fn start(&mut self) {
+        let settings = self.settings.unwrap_or(Settings::DEFAULT);
+        if !self.ready {
+            self.tracker.prepare();
+            self.ready = true;
+        }
         self.tracker.set_motion_noise(MotionNoise {
-            translation: self.settings.translation,
-            rotation: self.settings.rotation,
+            translation: settings.translation,
+            rotation: settings.rotation,
         });
-        self.tracker.reset(self.settings.seed);
+        self.tracker.reset(settings.seed);
     }
 
     fn overfull(&mut self) -> Refusal {
@@ -290,3 +296,6 @@ const fn number(digits: &str) -> u8 {
     }
     value
 }
+
+#[cfg(test)]
+mod tests;

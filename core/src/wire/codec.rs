@@ -81,7 +81,11 @@ pub fn unseal(frame: &mut [u8]) -> Result<&[u8], FrameError> {
         }
     }
     let (payload, crc) = frame[..write].split_last_chunk::<4>().ok_or(FrameError::Crc)?;
-    if CRC.checksum(payload) == u32::from_le_bytes(*crc) { Ok(payload) } else { Err(FrameError::Crc) }
+    if CRC.checksum(payload) == u32::from_le_bytes(*crc) {
+        Ok(payload)
+    } else {
+        Err(FrameError::Crc)
+    }
 }
 
 /// Why bytes between two delimiters are no frame.
@@ -294,8 +298,8 @@ impl<M: DeserializeOwned> Decoder<M> {
                 return Err(FrameError::Version { theirs, sequence });
             }
         }
-        let (frame, rest) = postcard::take_from_bytes::<Frame<M>>(payload)
-            .map_err(|_| FrameError::Malformed)?;
+        let (frame, rest) =
+            postcard::take_from_bytes::<Frame<M>>(payload).map_err(|_| FrameError::Malformed)?;
         if !rest.is_empty() {
             return Err(FrameError::Trailing);
         }
@@ -309,3 +313,6 @@ impl<M: DeserializeOwned> Default for Decoder<M> {
         Self::new()
     }
 }
+
+#[cfg(test)]
+mod tests;

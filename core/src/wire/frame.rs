@@ -131,8 +131,9 @@ impl Settings {
 
     /// Whether every deviation is finite, the contact's above zero and the motion's not below.
     pub fn is_valid(&self) -> bool {
-        let finite =
-            [self.point, self.normal, self.translation, self.rotation].iter().all(|v| v.is_finite());
+        let finite = [self.point, self.normal, self.translation, self.rotation]
+            .iter()
+            .all(|v| v.is_finite());
         finite
             && self.point > 0.0
             && self.normal > 0.0
@@ -140,7 +141,6 @@ impl Settings {
             && self.rotation >= 0.0
     }
 }
-
 
 /// A motion, world to world: predicted pose = motion ∘ previous pose.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -285,11 +285,8 @@ impl<S: WireSpace> EstimateFrame<S> {
         let pairs = (0..S::FREEDOM).flat_map(|i| (0..i).map(move |j| (i, j)));
         for ((i, j), c) in pairs.zip(AsMut::<[Fraction]>::as_mut(&mut frame.correlations)) {
             let scale = deviation(i) * deviation(j);
-            *c = Fraction::new(if scale > 0.0 {
-                estimate.covariance.at(i, j) / scale
-            } else {
-                0.0
-            });
+            *c =
+                Fraction::new(if scale > 0.0 { estimate.covariance.at(i, j) / scale } else { 0.0 });
         }
         let seen = &estimate.observability;
         for (i, e) in AsMut::<[Fraction]>::as_mut(&mut frame.eigenvalues).iter_mut().enumerate() {
