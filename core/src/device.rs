@@ -1,6 +1,8 @@
 //! The board's behaviour: commands in, a tracker in the middle, reports out. The same code runs on
 //! a microcontroller, in QEMU and inside a host process, so all three answer the same.
 
+mod trackers;
+
 use core::marker::PhantomData;
 
 use heapless::Vec;
@@ -10,6 +12,10 @@ use crate::track::{MotionNoise, Tracker};
 use crate::wire::{
     Arrival, BoardKind, Clock, Command, Decoder, EstimateFrame, Frame, FrameError, Health, Hello,
     MAX_FRAME, PROTOCOL, Received, Refusal, Reply, Report, Settings, Topic, WireSpace, encode,
+};
+
+pub use trackers::{
+    CONTACTS, PlanarDevice, PlanarMap, PlanarTracker, SpatialDevice, SpatialMap, SpatialTracker,
 };
 
 /// What a device needs of the hardware.

@@ -32,7 +32,7 @@
 //!   * [`Fraction`]: two bytes, least significant first: an `i16` that stands for value / 32767;
 //!   * [`Clock`]: four bytes, least significant first.
 //!
-//! Sizes on the wire, delimiter included: a contact with a normal at most 24 (planar) or 28 bytes
+//! Sizes on the wire, delimiter included: a contact with a normal at most 23 (planar) or 28 bytes
 //! (spatial) while its coordinates stay within ±1.048 m; an estimate at most 63 or 127 bytes for
 //! the first two million grasps and up to 16 383 particles.
 //!

@@ -181,7 +181,7 @@ fn bytes_do_not_change_by_accident() {
 #[test]
 fn frames_stay_within_budget() {
     let length = |name| golden().iter().find(|(n, _)| *n == name).unwrap().1.len();
-    assert!(length("contact 2d") <= 24);
+    assert!(length("contact 2d") <= 23);
     assert!(length("contact 3d") <= 28);
     assert!(length("estimate 2d") <= 63);
     assert!(length("estimate 3d") <= 127);
