@@ -16,21 +16,18 @@ mod firmware {
     use tactile_core::device::{Onboard, PlanarTracker, SpatialTracker};
     use tactile_core::matrix::{Coordinates, Vector};
     use tactile_core::random::Random;
+    use tactile_core::space::{Planar, Spatial};
     use tactile_core::space::{Pose, Space};
     use tactile_core::surface::cholesky::packed;
-    use tactile_core::surface::{
-        Ball, Constant, Gpis, Map, Matern32, Prior, Surface, ThinPlate, Training,
-    };
+    use tactile_core::surface::{Ball, Gpis, Map, Prior, Surface, ThinPlate, Training};
     use tactile_core::track::{Bootstrap, Tracker};
-    use tactile_core::space::{Planar, Spatial};
     use tactile_firmware::board::{Selected, instruction_timer};
 
     /// Contacts in one grasp.
     const FINGERS: usize = 5;
     const ROWS: usize = 96;
 
-    type Plate =
-        Gpis<Spatial, ThinPlate, Ball<Spatial>, ROWS, ROWS, { packed(ROWS) }>;
+    type Plate = Gpis<Spatial, ThinPlate, Ball<Spatial>, ROWS, ROWS, { packed(ROWS) }>;
 
     /// Counts instructions: under `-icount` every instruction takes the same time.
     struct Counter {
@@ -82,11 +79,8 @@ mod firmware {
 
     /// One update of a tracker whose map is full, so that contacts are also let go.
     #[inline(never)]
-    fn update<S, M, const N: usize>(
-        counter: &Counter,
-        name: &str,
-        tracker: &mut Bootstrap<S, M, N>,
-    ) where
+    fn update<S, M, const N: usize>(counter: &Counter, name: &str, tracker: &mut Bootstrap<S, M, N>)
+    where
         S: tactile_core::wire::WireSpace,
         M: Map<S>,
         Bootstrap<S, M, N>: Onboard<S>,
@@ -108,7 +102,12 @@ mod firmware {
             }
             number += 1;
         }
-        hprintln!("{} tracker, {} particles, {} contacts in the map:", name, N, tracker.map().contacts());
+        hprintln!(
+            "{} tracker, {} particles, {} contacts in the map:",
+            name,
+            N,
+            tracker.map().contacts()
+        );
         let contacts = grasp(&mut random);
         let view = GraspView { contacts: &contacts, free: &[] };
         counter.report("  grasp update, 5 contacts", || {
@@ -128,11 +127,7 @@ mod firmware {
     #[inline(never)]
     fn thin_plate(counter: &Counter, plate: &mut Plate) {
         let mut random = Random::new(2);
-        plate.configure(
-            ThinPlate { reach: 0.3, amplitude: 0.03 },
-            Ball::UNSET,
-            Training::Normals,
-        );
+        plate.configure(ThinPlate { amplitude: 0.03, range: 0.3 }, Ball::UNSET, Training::Normals);
         for _ in 0..ROWS - 1 {
             plate.insert(&Contact { normal: None, ..touch(&mut random) });
         }
