@@ -137,7 +137,7 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
     /// Sends [`Report::Hello`] unasked, so that a host notices a board that has started again.
     pub fn announce<B: Board>(&mut self, board: &mut B) {
         self.answer.bytes.clear();
-        self.answer.add(board.now(), Report::Hello(self.hello::<B>()));
+        self.answer.add(board.now(), Report::Hello(self.hello::<B>(false)));
         board.send(&self.answer.bytes);
     }
 
@@ -148,7 +148,7 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
                 Some(Ok(received)) => self.hear(received, board),
                 Some(Err(FrameError::Version { sequence, .. })) => {
                     self.answer.bytes.clear();
-                    self.answer.add(board.now(), Report::Hello(self.hello::<B>()));
+                    self.answer.add(board.now(), Report::Hello(self.hello::<B>(true)));
                     self.reply(sequence, Err(Refusal::Version), board);
                 }
                 Some(Err(_)) | None => {}
@@ -185,7 +185,7 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
     fn obey<B: Board>(&mut self, command: Command<S>, board: &mut B) -> Result<(), Refusal> {
         match command {
             Command::Hello { .. } => {
-                self.answer.add(board.now(), Report::Hello(self.hello::<B>()));
+                self.answer.add(board.now(), Report::Hello(self.hello::<B>(true)));
             }
             Command::Ping => {}
             Command::Configure(settings) => {
@@ -274,9 +274,10 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
         Refusal::Full
     }
 
-    fn hello<B: Board>(&self) -> Hello {
+    fn hello<B: Board>(&self, asked: bool) -> Hello {
         Hello {
             protocol: PROTOCOL,
+            asked,
             firmware: FIRMWARE,
             board: B::KIND,
             dimension: S::DIMENSION as u8,

@@ -178,7 +178,9 @@ fn introduces_itself() {
     let unasked = rig.reports();
     let asked = rig.send(9, Command::Hello { protocol: PROTOCOL });
     let [Report::Hello(hello), reply] = asked[..] else { panic!("{asked:?}") };
-    assert_eq!((unasked, reply), (std::vec![Report::Hello(hello)], done(9)));
+    let alone = Report::Hello(Hello { asked: false, ..hello });
+    assert!(hello.asked);
+    assert_eq!((unasked, reply), (std::vec![alone], done(9)));
     assert_eq!((hello.dimension, hello.contacts, hello.map, hello.particles), (2, 3, 40, 300));
     // Asked again with the number it was asked with, it answers again.
     assert_eq!(rig.send(9, Command::Hello { protocol: PROTOCOL }), asked);

@@ -79,6 +79,8 @@ pub enum Topic {
 pub struct Hello {
     /// [`PROTOCOL`] of the board.
     pub protocol: u8,
+    /// False when the board introduces itself after a start.
+    pub asked: bool,
     /// Version of the firmware: major, minor, patch.
     pub firmware: [u8; 3],
     /// What the core runs on.
