@@ -13,6 +13,7 @@ pub mod cli;
 pub mod experiment;
 pub mod link;
 pub mod log;
+pub mod quantity;
 pub mod reference;
 pub mod shape;
 pub mod sim;

@@ -1,1 +1,109 @@
-//! (being written)
+//! Other people's data as grasp logs: robot pushes, tables of contacts, bare contact points.
+
+use std::path::Path;
+
+use super::{GraspLog, LogError, LoggedGrasp, MAX_CONTACTS, Noise};
+use crate::quantity::Deviation;
+use crate::space::Pose;
+
+pub mod csv;
+pub mod normals;
+pub mod off;
+pub mod push;
+mod tokens;
+
+/// What a table or a list of contacts does not say itself.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Metres per unit of the coordinates.
+    pub unit: f64,
+    /// Standard deviations of the contacts, where known.
+    pub contact_noise: Option<Deviation>,
+    /// Standard deviations of the object's motion between grasps, where known.
+    pub motion_noise: Option<Deviation>,
+    /// The object did not move: motions and true poses become the identity, and the object frame
+    /// is the world's.
+    pub fixed: bool,
+    /// What it is, in words.
+    pub description: String,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options {
+            unit: 1.0,
+            contact_noise: None,
+            motion_noise: None,
+            fixed: false,
+            description: String::new(),
+        }
+    }
+}
+
+impl Options {
+    /// The log of these grasps.
+    fn log(
+        &self,
+        dimension: usize,
+        fingers: Vec<String>,
+        mut grasps: Vec<LoggedGrasp>,
+    ) -> GraspLog {
+        if self.fixed {
+            for (k, grasp) in grasps.iter_mut().enumerate() {
+                grasp.motion = (k > 0).then(Pose::identity);
+                grasp.truth = Some(Pose::identity());
+            }
+        }
+        // A log holds positive deviations or none: zero would claim a perfect sensor.
+        let positive = |x: f64| (x > 0.0).then_some(x);
+        let noise = Noise {
+            point: self.contact_noise.and_then(|n| positive(n.length)),
+            normal: self.contact_noise.and_then(|n| positive(n.angle)),
+            translation: self.motion_noise.and_then(|n| positive(n.length)),
+            rotation: self.motion_noise.and_then(|n| positive(n.angle)),
+        };
+        GraspLog {
+            dimension,
+            description: self.description.clone(),
+            fingers,
+            noise,
+            shape: None,
+            grasps,
+            unknown: serde_json::Map::new(),
+        }
+    }
+}
+
+/// The whole file as text.
+fn text(path: &Path) -> Result<String, LogError> {
+    let bytes = std::fs::read(path).map_err(|source| LogError::Io {
+        file: path.into(),
+        action: "read",
+        source,
+    })?;
+    String::from_utf8(bytes).map_err(|e| {
+        let before = &e.as_bytes()[..e.utf8_error().valid_up_to()];
+        let line = 1 + before.iter().filter(|b| **b == b'\n').count();
+        LogError::Line { file: path.into(), line, problem: "is not UTF-8 text".into() }
+    })
+}
+
+/// What more than [`MAX_CONTACTS`] contacts in one grasp get.
+fn too_many(count: usize) -> String {
+    format!("expected at most {MAX_CONTACTS} contacts in one grasp, found {count}")
+}
+
+/// Where real recordings are: `$TACTILE_DATA/name`, or `../shared/data/name` beside the workspace.
+/// Without them, says so and gives nothing, so that a test can skip.
+#[cfg(test)]
+pub(crate) fn data(name: &str) -> Option<std::path::PathBuf> {
+    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let root = std::env::var_os("TACTILE_DATA")
+        .map_or_else(|| workspace.join("../shared/data"), std::path::PathBuf::from);
+    let folder = root.join(name);
+    if !folder.is_dir() {
+        eprintln!("skipped: no real data in {} (set TACTILE_DATA)", folder.display());
+        return None;
+    }
+    Some(folder)
+}

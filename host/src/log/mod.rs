@@ -12,6 +12,25 @@ use std::path::PathBuf;
 
 use crate::space::{Point, Pose};
 
+pub use read::LogError;
+
+/// The value of the header's `format`.
+pub const FORMAT: &str = "tactile-grasp-log";
+
+/// The only version of the format there is.
+pub const VERSION: u64 = 1;
+
+/// Most contacts, and most free points, one grasp may have: far above any hand, low enough that a
+/// damaged or hostile log cannot exhaust memory downstream.
+pub const MAX_CONTACTS: usize = 1024;
+
+/// Most fingers a log may name: the core numbers them with one byte.
+pub const MAX_FINGERS: usize = 255;
+
+/// Coordinates beyond this many metres are refused: they are another unit or damage, and would not
+/// survive single precision.
+pub const MAX_COORDINATE: f64 = 1e4;
+
 /// A whole log: header and grasps in time order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GraspLog {
@@ -27,7 +46,8 @@ pub struct GraspLog {
     pub shape: Option<TrueShape>,
     /// The grasps.
     pub grasps: Vec<LoggedGrasp>,
-    /// Header fields this version does not know, kept on rewrite.
+    /// Header fields this version does not know, kept on rewrite. Those inside `noise` and `truth`
+    /// are here under the same name.
     pub unknown: serde_json::Map<String, serde_json::Value>,
 }
 
@@ -59,7 +79,7 @@ pub enum TrueShape {
 }
 
 /// One grasp: what the hand did, felt and did not feel.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoggedGrasp {
     /// The grasp's number in the log, ascending.
     pub index: u64,
@@ -74,12 +94,13 @@ pub struct LoggedGrasp {
     pub free: Vec<LoggedFree>,
     /// True pose of the object, for evaluation only.
     pub truth: Option<Pose>,
-    /// Fields this version does not know, kept on rewrite.
+    /// Fields this version does not know, kept on rewrite. Those inside `truth` are here under the
+    /// same name.
     pub unknown: serde_json::Map<String, serde_json::Value>,
 }
 
 /// One contact in the world frame.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoggedContact {
     /// Index into [`GraspLog::fingers`].
     pub finger: Option<usize>,
@@ -97,10 +118,15 @@ pub struct LoggedContact {
 }
 
 /// A fingertip position that touched nothing, world frame.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoggedFree {
     /// Index into [`GraspLog::fingers`].
     pub finger: Option<usize>,
     /// Where, metres.
     pub point: Point,
+    /// Fields this version does not know, kept on rewrite.
+    pub unknown: serde_json::Map<String, serde_json::Value>,
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,1 +1,557 @@
-//! (being written)
+//! Reading grasp logs, strictly: what is accepted is sound, what is refused is named by file, line
+//! and field with what was expected there.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Quaternion, Translation3, UnitQuaternion};
+use serde_json::{Map, Value};
+
+use super::{
+    FORMAT, GraspLog, LoggedContact, LoggedFree, LoggedGrasp, MAX_CONTACTS, MAX_COORDINATE,
+    MAX_FINGERS, Noise, TrueShape, VERSION,
+};
+use crate::space::{self, Point, Pose};
+
+/// Unit vectors and quaternions may be this far off length one; they are then normalised.
+const UNIT_TOLERANCE: f64 = 1e-3;
+
+/// Below this, a length differs from one by rounding alone and the numbers are kept as they are,
+/// so that a written log reads back bit for bit.
+const UNIT_ROUNDING: f64 = 1e-12;
+
+/// Longest line accepted, bytes: [`MAX_CONTACTS`] contacts with room for unknown fields.
+const MAX_LINE: usize = 16 << 20;
+
+/// Why a log cannot be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum LogError {
+    /// The file system refused.
+    #[error("{}: cannot {action}: {source}", file.display())]
+    Io {
+        /// The file.
+        file: PathBuf,
+        /// What was tried: "read" or "write".
+        action: &'static str,
+        /// The system's answer.
+        source: std::io::Error,
+    },
+    /// The file as a whole is not a grasp log.
+    #[error("{}: {problem}", file.display())]
+    Content {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong and what was expected.
+        problem: String,
+    },
+    /// A line is not one JSON object.
+    #[error("{}, line {line}: {problem}", file.display())]
+    Line {
+        /// The file.
+        file: PathBuf,
+        /// Counted from one.
+        line: usize,
+        /// What is wrong and what was expected.
+        problem: String,
+    },
+    /// A field is missing or has a value it cannot have.
+    #[error("{}, line {line}, field `{field}`: expected {expected}, found {found}", file.display())]
+    Field {
+        /// The file.
+        file: PathBuf,
+        /// Counted from one.
+        line: usize,
+        /// Where in the line, such as `contacts[2].normal`.
+        field: String,
+        /// What would have been right.
+        expected: String,
+        /// What is there.
+        found: String,
+    },
+}
+
+impl GraspLog {
+    /// Reads a log.
+    ///
+    /// Checked: every line is one JSON object of at most 16 MiB; the first is a header of this
+    /// format and version; dimension 2 or 3 and every vector and rotation of that dimension; all
+    /// numbers finite and coordinates within [`MAX_COORDINATE`]; normals and quaternions of length
+    /// one within 10⁻³ (then normalised); standard deviations positive; fingers named in the header;
+    /// grasp numbers ascending, times neither negative nor running backwards; at most
+    /// [`MAX_CONTACTS`] contacts and free points in a grasp; at least one grasp. A grasp without
+    /// contacts is fine, as are blank lines. `null` means the same as a missing field. Whether a
+    /// mesh named as the true shape exists is not checked here.
+    ///
+    /// # Errors
+    /// [`LogError`] naming file, line, field and what was expected.
+    pub fn read(path: &Path) -> Result<GraspLog, LogError> {
+        let io = |source| LogError::Io { file: path.into(), action: "read", source };
+        let file = File::open(path).map_err(io)?;
+        if file.metadata().map_err(io)?.is_dir() {
+            return Err(LogError::Content {
+                file: path.into(),
+                problem: "is a folder; expected a grasp log (JSON lines)".into(),
+            });
+        }
+        GraspLog::parse(BufReader::new(file), path)
+    }
+
+    /// Reads a log from anything; `name` is what errors call it, and the true shape's mesh is
+    /// looked for beside it.
+    ///
+    /// # Errors
+    /// As [`GraspLog::read`].
+    pub fn parse(mut reader: impl BufRead, name: &Path) -> Result<GraspLog, LogError> {
+        let mut log: Option<GraspLog> = None;
+        let mut bytes = Vec::new();
+        let mut number = 0;
+        loop {
+            bytes.clear();
+            number += 1;
+            let read = reader
+                .by_ref()
+                .take(MAX_LINE as u64 + 1)
+                .read_until(b'\n', &mut bytes)
+                .map_err(|source| LogError::Io { file: name.into(), action: "read", source })?;
+            if read == 0 {
+                break;
+            }
+            let line = Line { file: name, number };
+            let Some(object) = line.object(&bytes)? else { continue };
+            match &mut log {
+                None => log = Some(header(line, object)?),
+                Some(log) => {
+                    let grasp = grasp(line, object, log)?;
+                    log.grasps.push(grasp);
+                }
+            }
+        }
+        let problem = match log {
+            Some(log) if !log.grasps.is_empty() => return Ok(log),
+            Some(_) => "has a header but no grasp; expected at least one",
+            None => "is empty; expected a header line and one line per grasp",
+        };
+        Err(LogError::Content { file: name.into(), problem: problem.into() })
+    }
+}
+
+/// Where errors are.
+#[derive(Clone, Copy)]
+struct Line<'a> {
+    file: &'a Path,
+    number: usize,
+}
+
+impl<'a> Line<'a> {
+    fn problem(self, problem: impl Into<String>) -> LogError {
+        LogError::Line { file: self.file.into(), line: self.number, problem: problem.into() }
+    }
+
+    /// The line's object; `None` for a blank line.
+    fn object(self, bytes: &[u8]) -> Result<Option<Fields<'a>>, LogError> {
+        if bytes.len() > MAX_LINE {
+            return Err(self.problem(format!("is longer than {MAX_LINE} bytes")));
+        }
+        let text = std::str::from_utf8(bytes).map_err(|e| {
+            self.problem(format!("is not UTF-8 text (byte {} of the line)", e.valid_up_to() + 1))
+        })?;
+        if text.trim().is_empty() {
+            return Ok(None);
+        }
+        let value: Value = serde_json::from_str(text).map_err(|e| {
+            self.problem(if e.is_eof() {
+                "is cut off in the middle of its JSON object (is the file truncated?)".to_string()
+            } else {
+                // serde_json counts lines inside the text it was given: only the column is ours.
+                let message = e.to_string();
+                let message = message.rsplit_once(" at line ").map_or(&*message, |(m, _)| m);
+                format!("malformed JSON at column {}: {message}", e.column())
+            })
+        })?;
+        match value {
+            Value::Object(map) => Ok(Some(Fields { line: self, path: String::new(), map })),
+            other => {
+                Err(self.problem(format!("expected one JSON object, found {}", describe(&other))))
+            }
+        }
+    }
+}
+
+/// A value with its place.
+struct Item<'a> {
+    line: Line<'a>,
+    path: String,
+    value: Value,
+}
+
+/// An object with its place; fields are taken out one by one and what is left is unknown.
+struct Fields<'a> {
+    line: Line<'a>,
+    path: String,
+    map: Map<String, Value>,
+}
+
+impl<'a> Fields<'a> {
+    fn place(&self, name: &str) -> String {
+        if self.path.is_empty() { name.to_string() } else { format!("{}.{name}", self.path) }
+    }
+
+    fn optional(&mut self, name: &str) -> Option<Item<'a>> {
+        // Not `remove`: that would reorder the unknown fields.
+        match self.map.shift_remove(name) {
+            None | Some(Value::Null) => None,
+            Some(value) => Some(Item { line: self.line, path: self.place(name), value }),
+        }
+    }
+
+    fn required(&mut self, name: &str, expected: &str) -> Result<Item<'a>, LogError> {
+        self.optional(name).ok_or_else(|| LogError::Field {
+            file: self.line.file.into(),
+            line: self.line.number,
+            field: self.place(name),
+            expected: expected.into(),
+            found: "nothing".into(),
+        })
+    }
+}
+
+impl<'a> Item<'a> {
+    fn wrong(&self, expected: impl Into<String>) -> LogError {
+        self.wrong_as(expected, describe(&self.value))
+    }
+
+    fn wrong_as(&self, expected: impl Into<String>, found: impl Into<String>) -> LogError {
+        LogError::Field {
+            file: self.line.file.into(),
+            line: self.line.number,
+            field: self.path.clone(),
+            expected: expected.into(),
+            found: found.into(),
+        }
+    }
+
+    fn number(&self) -> Result<f64, LogError> {
+        match self.value.as_f64() {
+            Some(x) if x.is_finite() => Ok(x),
+            _ => Err(self.wrong("a finite number")),
+        }
+    }
+
+    fn positive(&self) -> Result<f64, LogError> {
+        let x = self.number()?;
+        if x > 0.0 { Ok(x) } else { Err(self.wrong("a positive number")) }
+    }
+
+    fn count(&self, expected: &str) -> Result<u64, LogError> {
+        self.value.as_u64().ok_or_else(|| self.wrong(expected))
+    }
+
+    fn text(self, expected: &str) -> Result<String, LogError> {
+        match self.value {
+            Value::String(text) => Ok(text),
+            _ => Err(self.wrong(expected)),
+        }
+    }
+
+    fn fields(self, expected: &str) -> Result<Fields<'a>, LogError> {
+        match self.value {
+            Value::Object(map) => Ok(Fields { line: self.line, path: self.path, map }),
+            _ => Err(self.wrong(expected)),
+        }
+    }
+
+    fn items(
+        self,
+        expected: &str,
+    ) -> Result<impl ExactSizeIterator<Item = Item<'a>> + use<'a>, LogError> {
+        match self.value {
+            Value::Array(values) => {
+                let (line, path) = (self.line, self.path);
+                Ok(values.into_iter().enumerate().map(move |(i, value)| Item {
+                    line,
+                    path: format!("{path}[{i}]"),
+                    value,
+                }))
+            }
+            _ => Err(self.wrong(expected)),
+        }
+    }
+
+    /// Exactly `N` finite numbers.
+    fn numbers<const N: usize>(&self, expected: &str) -> Result<[f64; N], LogError> {
+        let wrong = || self.wrong(expected);
+        let values = self.value.as_array().filter(|v| v.len() == N).ok_or_else(wrong)?;
+        let mut numbers = [0.0; N];
+        for (i, (number, value)) in numbers.iter_mut().zip(values).enumerate() {
+            *number = value.as_f64().filter(|x| x.is_finite()).ok_or_else(|| LogError::Field {
+                file: self.line.file.into(),
+                line: self.line.number,
+                field: format!("{}[{i}]", self.path),
+                expected: "a finite number".into(),
+                found: describe(value),
+            })?;
+        }
+        Ok(numbers)
+    }
+
+    fn vector(&self, dimension: usize, what: &str) -> Result<Point, LogError> {
+        if dimension == 2 {
+            let [x, y] = self.numbers(&format!("{what} [x, y]"))?;
+            Ok(Point::new(x, y, 0.0))
+        } else {
+            let [x, y, z] = self.numbers(&format!("{what} [x, y, z]"))?;
+            Ok(Point::new(x, y, z))
+        }
+    }
+
+    fn position(&self, dimension: usize) -> Result<Point, LogError> {
+        let p = self.vector(dimension, "a position in metres")?;
+        if p.amax() > MAX_COORDINATE {
+            let expected = format!("coordinates in metres, within ±{MAX_COORDINATE}");
+            return Err(self.wrong_as(expected, format!("{:e}", p.amax())));
+        }
+        Ok(p)
+    }
+
+    fn normal(&self, dimension: usize) -> Result<Point, LogError> {
+        let n = self.vector(dimension, "a unit vector")?;
+        let length = n.norm();
+        if !((length - 1.0).abs() <= UNIT_TOLERANCE) {
+            let expected = format!("a vector of length 1 within {UNIT_TOLERANCE}");
+            return Err(self.wrong_as(expected, format!("length {length}")));
+        }
+        Ok(if (length - 1.0).abs() > UNIT_ROUNDING { n / length } else { n })
+    }
+
+    fn pose(self, dimension: usize) -> Result<Pose, LogError> {
+        let mut fields = self.fields("an object {\"translation\", \"rotation\"}")?;
+        let translation =
+            fields.required("translation", "a position in metres")?.position(dimension)?;
+        if dimension == 2 {
+            let angle = fields.required("rotation", "an angle in radians")?.number()?;
+            // Left alone when already in range, so that it is written as it was read.
+            let pi = std::f64::consts::PI;
+            let angle = if angle.abs() <= pi { angle } else { angle.sin().atan2(angle.cos()) };
+            return Ok(space::planar(translation.x, translation.y, angle));
+        }
+        let what = "a unit quaternion [x, y, z, w]";
+        let rotation = fields.required("rotation", what)?;
+        let [x, y, z, w] = rotation.numbers(what)?;
+        let q = Quaternion::new(w, x, y, z);
+        let length = q.norm();
+        if !((length - 1.0).abs() <= UNIT_TOLERANCE) {
+            let expected = format!("{what} of length 1 within {UNIT_TOLERANCE}");
+            return Err(rotation.wrong_as(expected, format!("length {length}")));
+        }
+        let q = if (length - 1.0).abs() > UNIT_ROUNDING {
+            UnitQuaternion::new_normalize(q)
+        } else {
+            UnitQuaternion::new_unchecked(q)
+        };
+        Ok(Pose::from_parts(Translation3::from(translation), q))
+    }
+
+    fn finger(self, fingers: &[String]) -> Result<usize, LogError> {
+        let found = self.value.as_str().and_then(|name| fingers.iter().position(|f| f == name));
+        found.ok_or_else(|| {
+            self.wrong(if fingers.is_empty() {
+                "no finger, as the header names none in `fingers`".to_string()
+            } else {
+                format!("one of the header's fingers ({})", fingers.join(", "))
+            })
+        })
+    }
+}
+
+/// A value in a few words.
+fn describe(value: &Value) -> String {
+    match value {
+        Value::Null => "null".into(),
+        Value::Bool(b) => b.to_string(),
+        Value::Number(n) => n.to_string(),
+        Value::String(s) if s.chars().count() > 40 => {
+            format!("{:?}…", s.chars().take(40).collect::<String>())
+        }
+        Value::String(s) => format!("{s:?}"),
+        Value::Array(a) => format!("an array of {}", a.len()),
+        Value::Object(_) => "an object".into(),
+    }
+}
+
+fn header(line: Line<'_>, mut fields: Fields<'_>) -> Result<GraspLog, LogError> {
+    let expected = format!("{FORMAT:?} in the header, the first line");
+    let format = fields.required("format", &expected)?;
+    if format.value != FORMAT {
+        return Err(format.wrong(expected));
+    }
+    let expected = format!("{VERSION}, the version this program reads");
+    let version = fields.required("version", &expected)?;
+    if version.value != VERSION {
+        return Err(version.wrong(expected));
+    }
+    let dimension = fields.required("dimension", "2 or 3")?;
+    let dimension = match dimension.value.as_u64() {
+        Some(2) => 2,
+        Some(3) => 3,
+        _ => return Err(dimension.wrong("2 or 3")),
+    };
+    if let Some(frame) = fields.optional("frame")
+        && frame.value != "world"
+    {
+        return Err(frame.wrong("\"world\", the only frame a log may use"));
+    }
+    let description = match fields.optional("description") {
+        Some(item) => item.text("a text")?,
+        None => String::new(),
+    };
+    let mut fingers: Vec<String> = Vec::new();
+    if let Some(item) = fields.optional("fingers") {
+        if item.value.as_array().is_some_and(|a| a.len() > MAX_FINGERS) {
+            return Err(item.wrong(format!("at most {MAX_FINGERS} names")));
+        }
+        for item in item.items("an array of names")? {
+            if fingers.iter().any(|f| item.value == **f) {
+                return Err(item.wrong("a name not used before"));
+            }
+            fingers.push(item.text("a name")?);
+        }
+    }
+    let mut noise = Noise::default();
+    let mut nested = Map::new();
+    if let Some(item) = fields.optional("noise") {
+        let mut inner = item.fields("an object of standard deviations")?;
+        for (name, deviation) in [
+            ("point", &mut noise.point),
+            ("normal", &mut noise.normal),
+            ("translation", &mut noise.translation),
+            ("rotation", &mut noise.rotation),
+        ] {
+            *deviation = inner.optional(name).map(|item| item.positive()).transpose()?;
+        }
+        keep(&mut nested, "noise", inner);
+    }
+    let mut shape = None;
+    if let Some(item) = fields.optional("truth") {
+        let mut inner = item.fields("an object {\"shape\"}")?;
+        shape = inner.optional("shape").map(|i| true_shape(i, dimension, line.file)).transpose()?;
+        keep(&mut nested, "truth", inner);
+    }
+    let mut unknown = fields.map;
+    unknown.extend(nested);
+    Ok(GraspLog { dimension, description, fingers, noise, shape, grasps: Vec::new(), unknown })
+}
+
+/// Puts what is left of a known object beside the unknown fields of its parent.
+fn keep(unknown: &mut Map<String, Value>, name: &str, rest: Fields<'_>) {
+    if !rest.map.is_empty() {
+        unknown.insert(name.into(), Value::Object(rest.map));
+    }
+}
+
+fn true_shape(item: Item<'_>, dimension: usize, log: &Path) -> Result<TrueShape, LogError> {
+    let expected = if dimension == 2 {
+        "an object {\"polygon\": [[x, y], …]}"
+    } else {
+        "an object {\"mesh\": \"file\"}"
+    };
+    let mut fields = item.fields(expected)?;
+    if dimension == 2 {
+        let item = fields.required("polygon", "at least 3 vertices [x, y] in metres")?;
+        if item.value.as_array().is_none_or(|a| a.len() < 3) {
+            return Err(item.wrong("at least 3 vertices [x, y] in metres"));
+        }
+        let vertices = item.items("vertices")?.map(|v| v.position(2).map(|p| [p.x, p.y]));
+        Ok(TrueShape::Polygon(vertices.collect::<Result<_, _>>()?))
+    } else {
+        let item = fields.required("mesh", "the name of a mesh file")?;
+        if item.value == "" {
+            return Err(item.wrong("the name of a mesh file"));
+        }
+        let path = item.text("the name of a mesh file")?;
+        let file = log.parent().unwrap_or(Path::new("")).join(&path);
+        Ok(TrueShape::Mesh { path, file })
+    }
+}
+
+fn grasp(line: Line<'_>, mut fields: Fields<'_>, log: &GraspLog) -> Result<LoggedGrasp, LogError> {
+    let dimension = log.dimension;
+    if fields.map.contains_key("format") {
+        return Err(line.problem("is a second header; expected a grasp"));
+    }
+    let what = "the grasp's number, 0, 1, …";
+    let number = fields.required("grasp", what)?;
+    let index = number.count(what)?;
+    let previous = log.grasps.last().map(|g| g.index);
+    if previous.is_some_and(|p| index <= p) {
+        let expected = format!("a number above {}, the grasp before", previous.unwrap_or(0));
+        return Err(number.wrong(expected));
+    }
+    let mut time = None;
+    if let Some(item) = fields.optional("time") {
+        let seconds = item.number()?;
+        let before = log.grasps.iter().rev().find_map(|g| g.time).unwrap_or(0.0);
+        if seconds < before {
+            return Err(item.wrong(if before == 0.0 {
+                "seconds since the start, not negative".to_string()
+            } else {
+                format!("at least {before} s, the time of the grasp before")
+            }));
+        }
+        time = Some(seconds);
+    }
+    let motion = fields.optional("motion").map(|item| item.pose(dimension)).transpose()?;
+    let contacts = fields.required("contacts", "an array of contacts, possibly empty")?;
+    let contacts = several(contacts, "contacts")?
+        .map(|item| contact(item, dimension, &log.fingers))
+        .collect::<Result<_, _>>()?;
+    let mut free = Vec::new();
+    if let Some(item) = fields.optional("free") {
+        for item in several(item, "free points")? {
+            let mut inner = item.fields("an object {\"point\"}")?;
+            free.push(LoggedFree {
+                finger: inner.optional("finger").map(|i| i.finger(&log.fingers)).transpose()?,
+                point: inner.required("point", "a position in metres")?.position(dimension)?,
+                unknown: inner.map,
+            });
+        }
+    }
+    let mut nested = Map::new();
+    let mut truth = None;
+    if let Some(item) = fields.optional("truth") {
+        let mut inner = item.fields("an object {\"pose\"}")?;
+        truth = inner.optional("pose").map(|item| item.pose(dimension)).transpose()?;
+        keep(&mut nested, "truth", inner);
+    }
+    let mut unknown = fields.map;
+    unknown.extend(nested);
+    Ok(LoggedGrasp { index, time, motion, contacts, free, truth, unknown })
+}
+
+/// The elements of an array that may not be longer than [`MAX_CONTACTS`].
+fn several<'a>(
+    item: Item<'a>,
+    what: &str,
+) -> Result<impl ExactSizeIterator<Item = Item<'a>> + use<'a>, LogError> {
+    if let Some(n) = item.value.as_array().map(Vec::len).filter(|n| *n > MAX_CONTACTS) {
+        let expected = format!("at most {MAX_CONTACTS} {what} in one grasp");
+        return Err(item.wrong_as(expected, n.to_string()));
+    }
+    item.items(&format!("an array of {what}"))
+}
+
+fn contact(
+    item: Item<'_>,
+    dimension: usize,
+    fingers: &[String],
+) -> Result<LoggedContact, LogError> {
+    let mut fields = item.fields("an object {\"point\", \"normal\", …}")?;
+    Ok(LoggedContact {
+        finger: fields.optional("finger").map(|i| i.finger(fingers)).transpose()?,
+        point: fields.required("point", "a position in metres")?.position(dimension)?,
+        normal: fields.optional("normal").map(|i| i.normal(dimension)).transpose()?,
+        normal_noise: fields.optional("normal_noise").map(|i| i.positive()).transpose()?,
+        force: fields.optional("force").map(|i| i.number()).transpose()?,
+        unknown: fields.map,
+    })
+}

@@ -1,1 +1,268 @@
-//! (being written)
+//! Writing grasp logs, and writing files fully or not at all.
+
+use std::io::{BufWriter, Error, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value, json};
+
+use super::{FORMAT, GraspLog, LogError, LoggedContact, LoggedGrasp, Noise, TrueShape, VERSION};
+use crate::space::{self, Point, Pose};
+
+/// Fills a temporary neighbour of `path` and renames it to `path` once it is complete, so that
+/// whoever looks at `path` sees the old file, the new one, or none, never a part. Something that
+/// is not a regular file, such as `/dev/stdout`, is written to directly.
+///
+/// # Errors
+/// When the folder does not exist or cannot be written, when `path` is a folder, or when `fill`
+/// fails; nothing is left behind.
+pub fn write_atomically(
+    path: &Path,
+    fill: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
+) -> std::io::Result<()> {
+    // Through a symbolic link the file it names is replaced, not the link.
+    let target: PathBuf = std::fs::canonicalize(path).unwrap_or_else(|_| path.into());
+    if let Ok(metadata) = std::fs::metadata(&target) {
+        if metadata.is_dir() {
+            return Err(Error::new(ErrorKind::IsADirectory, "it is a folder"));
+        }
+        if !metadata.is_file() {
+            let mut writer = BufWriter::new(std::fs::File::options().write(true).open(&target)?);
+            fill(&mut writer)?;
+            return writer.flush();
+        }
+    }
+    let folder = match target.parent() {
+        Some(parent) if parent != Path::new("") => parent,
+        _ => Path::new("."),
+    };
+    match std::fs::metadata(folder) {
+        Err(e) if e.kind() == ErrorKind::NotFound => {
+            let message = format!("the folder {} does not exist", folder.display());
+            return Err(Error::new(ErrorKind::NotFound, message));
+        }
+        Ok(metadata) if !metadata.is_dir() => {
+            let message = format!("{} is not a folder", folder.display());
+            return Err(Error::new(ErrorKind::NotADirectory, message));
+        }
+        _ => {}
+    }
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".tactile-");
+    // Temporary files are private by default; this one becomes an ordinary file.
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let mut file = builder.tempfile_in(folder)?;
+    let mut writer = BufWriter::new(file.as_file_mut());
+    fill(&mut writer)?;
+    writer.flush()?;
+    drop(writer);
+    file.persist(&target).map_err(|e| e.error)?;
+    Ok(())
+}
+
+impl GraspLog {
+    /// Writes the log to `path`, fully or not at all. A true mesh that the new place would no
+    /// longer find is named by its full path.
+    ///
+    /// # Errors
+    /// [`LogError`] naming the file and what is wrong; nothing is left behind.
+    pub fn write(&self, path: &Path) -> Result<(), LogError> {
+        let mut moved;
+        let mut log = self;
+        if let Some(TrueShape::Mesh { path: written, file }) = &self.shape
+            && path.parent().unwrap_or(Path::new("")).join(written) != *file
+            && let Ok(absolute) = std::path::absolute(file)
+            && let Some(name) = absolute.to_str()
+        {
+            moved = self.clone();
+            moved.shape = Some(TrueShape::Mesh { path: name.into(), file: absolute.clone() });
+            log = &moved;
+        }
+        write_atomically(path, |writer| log.to_writer(writer)).map_err(|source| LogError::Io {
+            file: path.into(),
+            action: "write",
+            source,
+        })
+    }
+
+    /// Writes the log as JSON lines. Reading it back gives the same log: numbers are written with
+    /// as many digits as it takes.
+    ///
+    /// # Errors
+    /// When the writer fails, or (`InvalidData`) when the log holds what a log cannot: a number
+    /// that is not finite, or a finger without a name.
+    pub fn to_writer(&self, writer: &mut (impl Write + ?Sized)) -> std::io::Result<()> {
+        line(writer, &self.header()?)?;
+        for grasp in &self.grasps {
+            let value = self.grasp(grasp).map_err(|e| {
+                Error::new(ErrorKind::InvalidData, format!("grasp {}: {e}", grasp.index))
+            })?;
+            line(writer, &value)?;
+        }
+        Ok(())
+    }
+
+    fn header(&self) -> Result<Value, Error> {
+        let mut fields = Map::new();
+        fields.insert("format".into(), json!(FORMAT));
+        fields.insert("version".into(), json!(VERSION));
+        fields.insert("dimension".into(), json!(self.dimension));
+        fields.insert("frame".into(), json!("world"));
+        fields.insert("description".into(), json!(self.description));
+        fields.insert("fingers".into(), json!(self.fingers));
+        let mut noise = Map::new();
+        let Noise { point, normal, translation, rotation } = self.noise;
+        for (name, deviation) in [
+            ("point", point),
+            ("normal", normal),
+            ("translation", translation),
+            ("rotation", rotation),
+        ] {
+            if let Some(deviation) = deviation {
+                noise.insert(name.into(), finite(deviation)?);
+            }
+        }
+        insert(&mut fields, "noise", noise, &self.unknown);
+        let mut truth = Map::new();
+        match &self.shape {
+            Some(TrueShape::Polygon(vertices)) => {
+                let vertices = vertices
+                    .iter()
+                    .map(|[x, y]| Ok(json!([finite(*x)?, finite(*y)?])))
+                    .collect::<Result<Vec<_>, Error>>()?;
+                truth.insert("shape".into(), json!({ "polygon": vertices }));
+            }
+            Some(TrueShape::Mesh { path, .. }) => {
+                truth.insert("shape".into(), json!({ "mesh": path }));
+            }
+            None => {}
+        }
+        insert(&mut fields, "truth", truth, &self.unknown);
+        Ok(with_unknown(fields, &self.unknown))
+    }
+
+    fn grasp(&self, grasp: &LoggedGrasp) -> Result<Value, Error> {
+        let mut fields = Map::new();
+        fields.insert("grasp".into(), json!(grasp.index));
+        if let Some(time) = grasp.time {
+            fields.insert("time".into(), finite(time)?);
+        }
+        let motion = grasp.motion.map(|m| self.pose(&m)).transpose()?;
+        fields.insert("motion".into(), motion.unwrap_or(Value::Null));
+        let contacts = grasp.contacts.iter().map(|c| self.contact(c));
+        fields.insert("contacts".into(), contacts.collect::<Result<_, _>>()?);
+        if !grasp.free.is_empty() {
+            let free = grasp.free.iter().map(|free| {
+                let mut fields = Map::new();
+                self.finger(&mut fields, free.finger)?;
+                fields.insert("point".into(), self.vector(&free.point)?);
+                Ok(with_unknown(fields, &free.unknown))
+            });
+            fields.insert("free".into(), free.collect::<Result<_, Error>>()?);
+        }
+        let mut truth = Map::new();
+        if let Some(pose) = &grasp.truth {
+            truth.insert("pose".into(), self.pose(pose)?);
+        }
+        insert(&mut fields, "truth", truth, &grasp.unknown);
+        Ok(with_unknown(fields, &grasp.unknown))
+    }
+
+    fn contact(&self, contact: &LoggedContact) -> Result<Value, Error> {
+        let mut fields = Map::new();
+        self.finger(&mut fields, contact.finger)?;
+        fields.insert("point".into(), self.vector(&contact.point)?);
+        if let Some(normal) = &contact.normal {
+            fields.insert("normal".into(), self.vector(normal)?);
+        }
+        if let Some(deviation) = contact.normal_noise {
+            fields.insert("normal_noise".into(), finite(deviation)?);
+        }
+        if let Some(force) = contact.force {
+            fields.insert("force".into(), finite(force)?);
+        }
+        Ok(with_unknown(fields, &contact.unknown))
+    }
+
+    fn finger(&self, fields: &mut Map<String, Value>, finger: Option<usize>) -> Result<(), Error> {
+        if let Some(index) = finger {
+            let name = self.fingers.get(index).ok_or_else(|| {
+                let message = format!("finger {index} has no name in the header");
+                Error::new(ErrorKind::InvalidData, message)
+            })?;
+            fields.insert("finger".into(), json!(name));
+        }
+        Ok(())
+    }
+
+    fn vector(&self, v: &Point) -> Result<Value, Error> {
+        let numbers = v.iter().take(self.dimension).map(|x| finite(*x));
+        Ok(Value::Array(numbers.collect::<Result<_, _>>()?))
+    }
+
+    fn pose(&self, pose: &Pose) -> Result<Value, Error> {
+        let translation = self.vector(&pose.translation.vector)?;
+        let rotation = if self.dimension == 2 {
+            finite(written_angle(pose))?
+        } else {
+            let q = pose.rotation.coords;
+            Value::Array(q.iter().map(|x| finite(*x)).collect::<Result<_, _>>()?)
+        };
+        Ok(json!({ "translation": translation, "rotation": rotation }))
+    }
+}
+
+/// The angle of a planar pose which gives exactly this rotation when read back: extracting it
+/// rounds, so its nearest neighbours are tried too. A rotation no angle gives exactly (one that was
+/// composed from others) comes back within rounding.
+fn written_angle(pose: &Pose) -> f64 {
+    let angle = space::angle(pose);
+    let [mut below, mut above] = [angle; 2];
+    for _ in 0..4 {
+        for candidate in [below, above] {
+            if space::planar(0.0, 0.0, candidate).rotation == pose.rotation {
+                return candidate;
+            }
+        }
+        (below, above) = (below.next_down(), above.next_up());
+    }
+    angle
+}
+
+/// JSON has no infinity and no NaN, and would silently become `null`.
+fn finite(x: f64) -> Result<Value, Error> {
+    match serde_json::Number::from_f64(x) {
+        Some(number) => Ok(Value::Number(number)),
+        None => Err(Error::new(ErrorKind::InvalidData, format!("{x} is not a finite number"))),
+    }
+}
+
+/// Adds the object `known` under `name`, together with what was unknown inside it.
+fn insert(
+    fields: &mut Map<String, Value>,
+    name: &str,
+    mut known: Map<String, Value>,
+    unknown: &Map<String, Value>,
+) {
+    if let Some(Value::Object(rest)) = unknown.get(name) {
+        known.extend(rest.clone());
+    }
+    if !known.is_empty() {
+        fields.insert(name.into(), Value::Object(known));
+    }
+}
+
+/// Unknown fields follow the known ones and never replace them.
+fn with_unknown(mut fields: Map<String, Value>, unknown: &Map<String, Value>) -> Value {
+    for (name, value) in unknown {
+        if !fields.contains_key(name) {
+            fields.insert(name.clone(), value.clone());
+        }
+    }
+    Value::Object(fields)
+}
+
+fn line(writer: &mut (impl Write + ?Sized), value: &Value) -> std::io::Result<()> {
+    serde_json::to_writer(&mut *writer, value)?;
+    writer.write_all(b"\n")
+}
