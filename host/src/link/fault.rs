@@ -108,8 +108,7 @@ impl<L: Link> Faulty<L> {
 
 impl<L: Link> Link for Faulty<L> {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        let out =
-            self.outgoing.pass(bytes, &self.faults, &mut self.random, &mut self.injected);
+        let out = self.outgoing.pass(bytes, &self.faults, &mut self.random, &mut self.injected);
         if out.is_empty() { Ok(()) } else { self.link.send(&out) }
     }
 

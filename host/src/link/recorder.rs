@@ -7,6 +7,9 @@ use crate::log::recording::{Direction, Header, RecordingWriter};
 
 use super::Link;
 
+/// Bytes without a delimiter after which they are written down as they are.
+const LONGEST: usize = 1024;
+
 /// A link whose frames go into a recording, both directions, with the host's time.
 pub struct Recorder<L, W: Write> {
     link: L,
@@ -41,7 +44,7 @@ impl<L: Link, W: Write> Link for Recorder<L, W> {
         let count = self.link.receive(bytes, timeout)?;
         for &byte in bytes.get(..count).unwrap_or(&[]) {
             self.partial.push(byte);
-            if byte == 0 {
+            if byte == 0 || self.partial.len() == LONGEST {
                 let now = self.now();
                 self.writer.append(now, Direction::FromBoard, &self.partial)?;
                 self.partial.clear();

@@ -10,9 +10,9 @@ use std::time::{Duration, Instant};
 
 use tactile_core::contact::{Contact, FreePoint};
 use tactile_core::wire::{
-    Clock, Command, ContactFrame, Counters, Decoder, EstimateFrame, Frame, FrameError,
-    FreeFrame, Health, Hello, MAX_FRAME, MotionFrame, PROTOCOL, Refusal, Report, Settings, Topic,
-    WireSpace, encode,
+    Clock, Command, ContactFrame, Counters, Decoder, EstimateFrame, Frame, FrameError, FreeFrame,
+    Health, Hello, MAX_FRAME, MotionFrame, PROTOCOL, Refusal, Report, Settings, Topic, WireSpace,
+    encode,
 };
 
 use super::Link;
@@ -32,7 +32,11 @@ pub struct Patience {
 
 impl Default for Patience {
     fn default() -> Self {
-        Patience { reply: Duration::from_millis(500), update: Duration::from_secs(20), attempts: 10 }
+        Patience {
+            reply: Duration::from_millis(500),
+            update: Duration::from_secs(20),
+            attempts: 10,
+        }
     }
 }
 
@@ -269,11 +273,7 @@ impl<S: WireSpace, L: Link> Session<S, L> {
     }
 
     /// Sends a command until its reply comes; gives what came with it.
-    fn ask(
-        &mut self,
-        name: &'static str,
-        command: Command<S>,
-    ) -> Result<Answer<S>, SessionError> {
+    fn ask(&mut self, name: &'static str, command: Command<S>) -> Result<Answer<S>, SessionError> {
         let hello = matches!(command, Command::Hello { .. });
         self.wanted(name, command, |answer| {
             (!hello || answer.hello.is_some()).then(|| std::mem::take(answer))
@@ -319,7 +319,11 @@ impl<S: WireSpace, L: Link> Session<S, L> {
         Err(SessionError::Silent {
             command: name,
             attempts: self.patience.attempts,
-            counters: format!("{} good frames came, {} damaged", counters.frames, counters.damaged()),
+            counters: format!(
+                "{} good frames came, {} damaged",
+                counters.frames,
+                counters.damaged()
+            ),
         })
     }
 
