@@ -4,6 +4,7 @@
 pub mod align;
 pub mod contour;
 pub mod files;
+pub mod lattice;
 pub mod mesh;
 pub mod metrics;
 pub mod outline;
@@ -57,6 +58,14 @@ impl Geometry {
         }
     }
 
+    /// The point of the surface nearest to `point`; `point` itself when there is no surface.
+    pub fn closest(&self, point: &Point) -> Point {
+        match self {
+            Geometry::Outline(o) => o.closest(point),
+            Geometry::Mesh(m) => m.closest(point),
+        }
+    }
+
     /// Least and greatest corner of the axis-aligned bounding box.
     pub fn bounds(&self) -> (Point, Point) {
         match self {
@@ -82,4 +91,53 @@ impl Geometry {
             Geometry::Mesh(m) => m.cast(origin, direction, reach),
         }
     }
+}
+
+/// Why vertices do not make a shape.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ShapeError {
+    /// A coordinate is NaN or infinite.
+    #[error("vertex {vertex}: coordinates must be finite")]
+    Coordinate {
+        /// Which, from 0 (in its loop).
+        vertex: usize,
+    },
+    /// A polygon needs three corners.
+    #[error("loop {number}: {vertices} distinct vertices, a polygon needs at least 3")]
+    FewVertices {
+        /// Which loop, from 0.
+        number: usize,
+        /// How many there are.
+        vertices: usize,
+    },
+    /// All vertices on one line.
+    #[error("loop {number}: the vertices lie on one line and enclose no area")]
+    NoArea {
+        /// Which loop, from 0.
+        number: usize,
+    },
+    /// The polygon is not simple.
+    #[error("the edges that start at vertices {a} and {b} cross, expected a simple polygon")]
+    Crossing {
+        /// The first vertex of one edge, counted from 0 over all loops.
+        a: usize,
+        /// The first vertex of the other.
+        b: usize,
+    },
+    /// A triangle names a vertex that does not exist.
+    #[error("triangle {triangle} names a vertex that is not among the {vertices}")]
+    Index {
+        /// Which triangle, from 0.
+        triangle: usize,
+        /// How many vertices there are.
+        vertices: usize,
+    },
+}
+
+/// Least and greatest corner of the box around the points; both zero when there are none.
+fn bounds(points: impl Iterator<Item = Point>) -> (Point, Point) {
+    points
+        .map(|p| (p, p))
+        .reduce(|(low, high), (p, _)| (low.inf(&p), high.sup(&p)))
+        .unwrap_or((Point::zeros(), Point::zeros()))
 }

@@ -1,8 +1,386 @@
-//! Closed polygons in the plane (being written).
+//! Closed polygons in the plane.
+
+use super::ShapeError;
 use crate::space::{Point, Pose};
-/// Simple closed polygons, outer boundaries counter-clockwise.
+
+/// Simple closed polygons: outer boundaries counter-clockwise, holes clockwise, so that the inside
+/// is always on the left of an edge. No loops at all is the outline of nothing.
+///
+/// Queries take the point's x and y and ignore z.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outline {
-    /// Each a closed polygon without repeating its first vertex, metres.
+    /// Each a closed polygon without repeating its first vertex, metres. [`Outline::new`] makes
+    /// polygons of unknown origin into this; code that fills it directly must keep the order.
     pub loops: Vec<Vec<[f64; 2]>>,
+}
+
+impl Outline {
+    /// The outline with these boundaries, in any order and orientation; a boundary inside another
+    /// is a hole. Vertices that repeat their predecessor (or close the loop again) are dropped.
+    ///
+    /// # Errors
+    /// When a coordinate is not finite, a loop has fewer than three distinct vertices or no area,
+    /// or two edges cross.
+    pub fn new(loops: Vec<Vec<[f64; 2]>>) -> Result<Outline, ShapeError> {
+        let mut loops = loops;
+        for (number, vertices) in loops.iter_mut().enumerate() {
+            if let Some(vertex) = vertices.iter().position(|v| !v.iter().all(|x| x.is_finite())) {
+                return Err(ShapeError::Coordinate { vertex });
+            }
+            vertices.dedup();
+            while vertices.len() > 1 && vertices.first() == vertices.last() {
+                vertices.pop();
+            }
+            if vertices.len() < 3 {
+                return Err(ShapeError::FewVertices { number, vertices: vertices.len() });
+            }
+            let extent = vertices.iter().fold(0.0, |e: f64, v| {
+                e.max((v[0] - vertices[0][0]).abs()).max((v[1] - vertices[0][1]).abs())
+            });
+            // Below this the sign of the area is rounding.
+            if signed_area(vertices).abs() <= 1e-12 * extent * extent {
+                return Err(ShapeError::NoArea { number });
+            }
+        }
+        if let Some((a, b)) = crossing(&loops) {
+            return Err(ShapeError::Crossing { a, b });
+        }
+        let depths: Vec<usize> = (0..loops.len())
+            .map(|i| {
+                let first = loops[i][0];
+                (0..loops.len()).filter(|&j| j != i && winds_around(&loops[j], first)).count()
+            })
+            .collect();
+        for (vertices, depth) in loops.iter_mut().zip(depths) {
+            if (signed_area(vertices) > 0.0) != (depth % 2 == 0) {
+                vertices.reverse();
+            }
+        }
+        Ok(Outline { loops })
+    }
+
+    /// The same shape moved by `pose` (a planar one).
+    pub fn transformed(&self, pose: &Pose) -> Outline {
+        let moved = |v: &[f64; 2]| {
+            let p = pose * nalgebra::Point3::new(v[0], v[1], 0.0);
+            [p.x, p.y]
+        };
+        Outline { loops: self.loops.iter().map(|l| l.iter().map(moved).collect()).collect() }
+    }
+
+    /// Unsigned distance from `point` to the boundary, metres; infinite when there is none.
+    pub fn distance(&self, point: &Point) -> f64 {
+        let p = [point.x, point.y];
+        self.edges().map(|(a, b)| squared_distance(p, a, b)).fold(f64::INFINITY, f64::min).sqrt()
+    }
+
+    /// The point of the boundary nearest to `point` (z = 0); `point` itself when there is none.
+    pub fn closest(&self, point: &Point) -> Point {
+        let p = [point.x, point.y];
+        let mut nearest = (f64::INFINITY, *point);
+        for (a, b) in self.edges() {
+            let s = nearest_share(p, a, b);
+            let (x, y) = (a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]));
+            let square = (p[0] - x).powi(2) + (p[1] - y).powi(2);
+            if square < nearest.0 {
+                nearest = (square, Point::new(x, y, 0.0));
+            }
+        }
+        nearest.1
+    }
+
+    /// Distance to the boundary, metres, negative inside.
+    pub fn signed_distance(&self, point: &Point) -> f64 {
+        let distance = self.distance(point);
+        if self.contains(point) { -distance } else { distance }
+    }
+
+    /// Whether `point` is inside (even-odd rule: not in a hole).
+    pub fn contains(&self, point: &Point) -> bool {
+        self.loops.iter().filter(|l| winds_around(l, [point.x, point.y])).count() % 2 == 1
+    }
+
+    /// Least and greatest corner of the bounding box; both zero when there is nothing.
+    pub fn bounds(&self) -> (Point, Point) {
+        super::bounds(self.loops.iter().flatten().map(|v| Point::new(v[0], v[1], 0.0)))
+    }
+
+    /// `count` points at equal steps of arc length, each with the outward unit normal of its edge;
+    /// none when there is no boundary.
+    pub fn samples(&self, count: usize) -> Vec<(Point, Point)> {
+        let step = self.perimeter() / count as f64;
+        let mut samples = Vec::with_capacity(count);
+        let mut start = 0.0;
+        for (a, b) in self.edges() {
+            let length = (b[0] - a[0]).hypot(b[1] - a[1]);
+            while samples.len() < count {
+                let along = (samples.len() as f64 + 0.5) * step - start;
+                if along >= length {
+                    break;
+                }
+                let s = along / length;
+                let p = Point::new(a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]), 0.0);
+                samples.push((p, normal(a, b)));
+            }
+            start += length;
+        }
+        samples
+    }
+
+    /// The first hit of the ray from `origin` along the unit `direction` within `reach` metres on
+    /// an edge whose outside faces the ray: distance along the ray and outward unit normal there.
+    pub fn cast(&self, origin: &Point, direction: &Point, reach: f64) -> Option<(f64, Point)> {
+        let (o, d) = ([origin.x, origin.y], [direction.x, direction.y]);
+        let mut hit: Option<(f64, Point)> = None;
+        for (a, b) in self.edges() {
+            let edge = [b[0] - a[0], b[1] - a[1]];
+            let facing = cross(d, edge);
+            if facing >= 0.0 {
+                continue;
+            }
+            let offset = [a[0] - o[0], a[1] - o[1]];
+            let (t, s) = (cross(offset, edge) / facing, cross(offset, d) / facing);
+            // Closed at both ends: no ray slips through a vertex.
+            let nearer = hit.is_none_or(|(best, _)| t < best);
+            if (0.0..=reach).contains(&t) && (0.0..=1.0).contains(&s) && nearer {
+                hit = Some((t, normal(a, b)));
+            }
+        }
+        hit
+    }
+
+    /// Length of all boundaries, metres.
+    pub fn perimeter(&self) -> f64 {
+        self.edges().map(|(a, b)| (b[0] - a[0]).hypot(b[1] - a[1])).sum()
+    }
+
+    /// Enclosed area, square metres, holes subtracted.
+    pub fn area(&self) -> f64 {
+        self.loops.iter().map(|l| signed_area(l)).sum()
+    }
+
+    /// Centre of the area; the origin when there is none.
+    pub fn centroid(&self) -> Point {
+        // Relative to one vertex, so that nothing cancels far from the origin.
+        let Some(&[ox, oy]) = self.loops.first().and_then(|l| l.first()) else {
+            return Point::zeros();
+        };
+        let (mut x, mut y, mut twice) = (0.0, 0.0, 0.0);
+        for (a, b) in self.edges() {
+            let (a, b) = ([a[0] - ox, a[1] - oy], [b[0] - ox, b[1] - oy]);
+            let c = cross(a, b);
+            x += (a[0] + b[0]) * c;
+            y += (a[1] + b[1]) * c;
+            twice += c;
+        }
+        if twice == 0.0 {
+            return Point::zeros();
+        }
+        Point::new(ox + x / (3.0 * twice), oy + y / (3.0 * twice), 0.0)
+    }
+
+    /// Every edge in order, from vertex to vertex.
+    fn edges(&self) -> impl Iterator<Item = ([f64; 2], [f64; 2])> + '_ {
+        self.loops.iter().flat_map(|l| (0..l.len()).map(move |i| (l[i], l[(i + 1) % l.len()])))
+    }
+}
+
+fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
+    a[0] * b[1] - a[1] * b[0]
+}
+
+/// Outward: to the right of the edge.
+fn normal(a: [f64; 2], b: [f64; 2]) -> Point {
+    Point::new(b[1] - a[1], a[0] - b[0], 0.0).normalize()
+}
+
+/// Positive counter-clockwise; relative to the first vertex, so that nothing cancels.
+fn signed_area(vertices: &[[f64; 2]]) -> f64 {
+    let from = |v: [f64; 2]| [v[0] - vertices[0][0], v[1] - vertices[0][1]];
+    vertices.windows(2).map(|w| cross(from(w[0]), from(w[1]))).sum::<f64>() / 2.0
+}
+
+fn squared_distance(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
+    let s = nearest_share(p, a, b);
+    (p[0] - a[0] - s * (b[0] - a[0])).powi(2) + (p[1] - a[1] - s * (b[1] - a[1])).powi(2)
+}
+
+/// How far along the edge from `a` (0) to `b` (1) the point nearest to `p` lies.
+fn nearest_share(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
+    let (edge, to) = ([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]]);
+    let length = edge[0] * edge[0] + edge[1] * edge[1];
+    let s = if length > 0.0 { (to[0] * edge[0] + to[1] * edge[1]) / length } else { 0.0 };
+    s.clamp(0.0, 1.0)
+}
+
+/// Whether a ray from `p` along +x crosses the polygon an odd number of times.
+fn winds_around(vertices: &[[f64; 2]], p: [f64; 2]) -> bool {
+    let mut inside = false;
+    for (i, b) in vertices.iter().enumerate() {
+        let a = vertices[(i + vertices.len() - 1) % vertices.len()];
+        if (a[1] > p[1]) != (b[1] > p[1]) {
+            let x = a[0] + (p[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0]);
+            inside ^= p[0] < x;
+        }
+    }
+    inside
+}
+
+/// A pair of edges that properly cross, as the positions of their first vertices counted over all
+/// loops. Touching is allowed: contours of a field may meet at a saddle.
+fn crossing(loops: &[Vec<[f64; 2]>]) -> Option<(usize, usize)> {
+    let mut edges: Vec<([f64; 2], [f64; 2], usize)> = Vec::new();
+    for l in loops {
+        let first = edges.len();
+        edges.extend((0..l.len()).map(|i| (l[i], l[(i + 1) % l.len()], first + i)));
+    }
+    // A sweep along x: only edges whose ranges overlap are compared.
+    edges.sort_by(|a, b| a.0[0].min(a.1[0]).total_cmp(&b.0[0].min(b.1[0])));
+    let side = |a: [f64; 2], b: [f64; 2], p: [f64; 2]| {
+        cross([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]])
+    };
+    for (i, &(a, b, first)) in edges.iter().enumerate() {
+        let last = a[0].max(b[0]);
+        for &(c, d, second) in &edges[i + 1..] {
+            if c[0].min(d[0]) > last {
+                break;
+            }
+            if side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0 {
+                return Some((first.min(second), first.max(second)));
+            }
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::space::planar;
+    use proptest::prelude::*;
+
+    fn rectangle() -> Outline {
+        Outline::new(vec![vec![[-0.06, -0.03], [0.06, -0.03], [0.06, 0.03], [-0.06, 0.03]]])
+            .unwrap()
+    }
+
+    /// A 4 × 4 square with a 2 × 2 hole, the outer loop given clockwise, the first vertex twice.
+    fn ring() -> Outline {
+        Outline::new(vec![
+            vec![[2.0, 2.0], [2.0, -2.0], [-2.0, -2.0], [-2.0, 2.0], [2.0, 2.0]],
+            vec![[1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]],
+        ])
+        .unwrap()
+    }
+
+    fn p(x: f64, y: f64) -> Point {
+        Point::new(x, y, 0.0)
+    }
+
+    #[test]
+    fn loops_are_oriented_and_closed_once() {
+        let ring = ring();
+        assert_eq!(ring.loops[0].len(), 4);
+        assert!(signed_area(&ring.loops[0]) > 0.0 && signed_area(&ring.loops[1]) < 0.0);
+        assert!((ring.area() - 12.0).abs() < 1e-12);
+        assert!((ring.perimeter() - 24.0).abs() < 1e-12);
+        assert!(ring.centroid().norm() < 1e-12);
+    }
+
+    #[test]
+    fn distances_of_a_rectangle() {
+        let r = rectangle();
+        assert!((r.signed_distance(&p(0.0, 0.0)) + 0.03).abs() < 1e-15);
+        assert!((r.signed_distance(&p(0.09, 0.07)) - 0.05).abs() < 1e-15);
+        assert!((r.distance(&p(0.05, 0.01)) - 0.01).abs() < 1e-15);
+        assert!(r.contains(&p(0.059, 0.029)) && !r.contains(&p(0.061, 0.0)));
+        let (low, high) = r.bounds();
+        assert_eq!((low, high), (p(-0.06, -0.03), p(0.06, 0.03)));
+    }
+
+    #[test]
+    fn a_hole_is_outside_and_its_normals_point_into_it() {
+        let ring = ring();
+        assert!(!ring.contains(&p(0.0, 0.0)) && ring.contains(&p(1.5, 0.0)));
+        assert!((ring.signed_distance(&p(0.2, 0.0)) - 0.8).abs() < 1e-12);
+        for (at, normal) in ring.samples(96) {
+            assert!(ring.contains(&(at - 1e-6 * normal)) && !ring.contains(&(at + 1e-6 * normal)));
+        }
+    }
+
+    #[test]
+    fn rays_stop_at_sides_that_face_them() {
+        let r = rectangle();
+        let (t, n) = r.cast(&p(0.2, 0.01), &p(-1.0, 0.0), 1.0).unwrap();
+        assert!((t - 0.14).abs() < 1e-12 && (n - p(1.0, 0.0)).norm() < 1e-12);
+        assert!(r.cast(&p(0.2, 0.01), &p(-1.0, 0.0), 0.13).is_none());
+        assert!(r.cast(&p(0.2, 0.04), &p(-1.0, 0.0), 1.0).is_none());
+        assert!(r.cast(&p(0.0, 0.0), &p(-1.0, 0.0), 1.0).is_none(), "from inside");
+        let (t, _) = ring().cast(&p(0.0, 0.0), &p(0.0, 1.0), 9.0).unwrap();
+        assert!((t - 1.0).abs() < 1e-12, "from the hole");
+        let corner = p(-1.0, -1.0).normalize();
+        assert!(r.cast(&(p(0.06, 0.03) - corner), &corner, 2.0).is_some(), "through a vertex");
+    }
+
+    #[test]
+    fn nothing_is_infinitely_far() {
+        let nothing = Outline::new(vec![]).unwrap();
+        assert_eq!(nothing.distance(&p(0.0, 0.0)), f64::INFINITY);
+        assert_eq!(nothing.signed_distance(&p(0.0, 0.0)), f64::INFINITY);
+        assert!(nothing.samples(10).is_empty() && !nothing.contains(&p(0.0, 0.0)));
+        assert!(nothing.cast(&p(0.0, 0.0), &p(1.0, 0.0), 1.0).is_none());
+        assert_eq!(nothing.bounds(), (Point::zeros(), Point::zeros()));
+    }
+
+    #[test]
+    fn what_is_no_polygon_is_refused() {
+        let new = |l: &[[f64; 2]]| Outline::new(vec![l.to_vec()]);
+        let bad = new(&[[0.0, 0.0], [1.0, f64::NAN], [0.0, 1.0]]);
+        assert!(matches!(bad, Err(ShapeError::Coordinate { vertex: 1 })), "{bad:?}");
+        let bad = new(&[[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [0.0, 0.0]]);
+        assert!(matches!(bad, Err(ShapeError::FewVertices { vertices: 2, .. })), "{bad:?}");
+        let bad = new(&[[0.0, 0.0], [0.1, 0.3], [0.2, 0.6]]);
+        assert!(matches!(bad, Err(ShapeError::NoArea { number: 0 })), "{bad:?}");
+        let bad = new(&[[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.2]]);
+        assert!(matches!(bad, Err(ShapeError::Crossing { a: 0, b: 2 })), "{bad:?}");
+    }
+
+    proptest! {
+        #[test]
+        fn samples_lie_on_the_boundary_and_rays_find_them(
+            x in -0.2..0.2, y in -0.2..0.2, turn in -4.0..4.0, count in 1usize..60,
+            radii in proptest::collection::vec(0.02..0.09, 3..12),
+        ) {
+            let n = radii.len() as f64;
+            let vertices = radii.iter().enumerate().map(|(i, r)| {
+                let (s, c) = (std::f64::consts::TAU * i as f64 / n).sin_cos();
+                [r * c, r * s]
+            });
+            let outline = Outline::new(vec![vertices.collect()]).unwrap();
+            let pose = planar(x, y, turn);
+            let moved = outline.transformed(&pose);
+            prop_assert!((moved.area() - outline.area()).abs() < 1e-12);
+            let samples = moved.samples(count);
+            prop_assert_eq!(samples.len(), count);
+            for (at, normal) in samples {
+                prop_assert!(moved.distance(&at) < 1e-12);
+                prop_assert!((normal.norm() - 1.0).abs() < 1e-12);
+                // The last metre of a ray along the inward normal ends no later than here.
+                let (t, _) = moved.cast(&(at + normal), &-normal, 2.0).unwrap();
+                prop_assert!(t < 1.0 + 1e-9);
+                prop_assert!(moved.distance(&(at + normal * (1.0 - t))) < 1e-9);
+            }
+            let probe = Point::new(x, -y, 0.0);
+            let there = pose * nalgebra::Point3::from(probe);
+            let difference = moved.signed_distance(&there.coords) - outline.signed_distance(&probe);
+            prop_assert!(difference.abs() < 1e-12);
+        }
+
+        #[test]
+        fn samples_are_even(count in 4usize..200) {
+            let samples = rectangle().samples(count);
+            let upper = samples.iter().filter(|(_, n)| n.y > 0.5).count() as f64;
+            prop_assert!((upper - count as f64 / 3.0).abs() <= 1.0);
+        }
+    }
 }

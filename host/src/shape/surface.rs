@@ -1,1 +1,425 @@
-//! (being written)
+//! Closed meshes of a spatial field: naive surface nets, then every vertex moved onto the field.
+
+use std::collections::HashMap;
+
+use fast_surface_nets::ndshape::RuntimeShape;
+use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
+
+use super::contour::components_touched;
+use super::lattice::{Lattice, LatticeError, deviations_at, values_at};
+use super::{Field, Mesh};
+use crate::space::Point;
+
+/// Field value at which a vertex counts as on the surface, metres.
+const ON_SURFACE: f64 = 1e-7;
+
+/// Steps of each vertex towards the field at most.
+const MOST_STEPS: usize = 5;
+
+/// How far a vertex may move from where the lattice put it, in spacings: it stays in its cell's
+/// neighbourhood, so that triangles do not turn over.
+const REACH: f64 = 0.5;
+
+/// Edges shorter than this, in spacings, are collapsed.
+const SHORTEST: f64 = 1e-3;
+
+/// The zero set of a spatial field.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    /// Closed: every edge is run through once in each direction (an edge where two sheets meet,
+    /// more often). Counter-clockwise seen from outside.
+    pub mesh: Mesh,
+    /// Standard deviation along the normal at each vertex, metres, as the field gives it.
+    pub deviations: Vec<f64>,
+    /// Whether the object reaches the edge of the box and was cut off there.
+    pub clipped: bool,
+}
+
+/// The whole zero set of `field` within the box `bounds` (corners, metres) on a lattice `spacing`
+/// metres apart. Vertices are moved along the field's numerical gradient by at most half a spacing
+/// until the field there is below 0.1 µm, which smooth fields reach; sharp edges stay cut by about
+/// a fifth of the spacing. An object that reaches the edge of the box is closed along it. Every
+/// component is kept, see [`Surface::touched`].
+pub fn extract(
+    field: &dyn Field,
+    bounds: (Point, Point),
+    spacing: f64,
+) -> Result<Surface, LatticeError> {
+    let lattice = Lattice::new(bounds, spacing, 3)?;
+    let samples = lattice.sample(field);
+    let counts = lattice.counts().map(|n| n as u32);
+    // In spacings, so that the narrower type of the nets loses nothing that matters.
+    let scaled: Vec<f32> = samples.values.iter().map(|v| (v / spacing) as f32).collect();
+    let mut nets = SurfaceNetsBuffer::default();
+    let shape = RuntimeShape::<u32, 3>::new(counts);
+    surface_nets(&scaled, &shape, [0; 3], counts.map(|n| n - 1), &mut nets);
+
+    let mut vertices: Vec<Point> =
+        nets.positions.iter().map(|p| lattice.position(p.map(f64::from))).collect();
+    // The cells of the outermost layer close what was cut off: there is no field to follow there.
+    let free: Vec<usize> = (0..vertices.len())
+        .filter(|v| {
+            let cell = nets.surface_points[*v].map(|i| i as usize);
+            !lattice.is_within(1, cell) && !lattice.is_within(1, cell.map(|i| i + 1))
+        })
+        .collect();
+    settle(field, spacing, &free, &mut vertices);
+
+    let triangles: Vec<[u32; 3]> =
+        nets.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
+    let (vertices, triangles) = collapse(vertices, triangles, SHORTEST * spacing);
+    let deviations = deviations_at(field, &vertices);
+    let mesh = Mesh::trusted(vertices, triangles);
+    Ok(Surface { mesh, deviations, clipped: samples.clipped })
+}
+
+impl Surface {
+    /// Only the components that were touched: each contact (object frame, metres) votes for the
+    /// component it is nearest to, and components with a tenth of the votes stay, as does the one
+    /// with the most. Without contacts, the component around the largest volume.
+    pub fn touched(&self, contacts: &[Point]) -> Surface {
+        let (component, count) = self.components();
+        let mut clouds = vec![Vec::new(); count];
+        for (vertex, c) in self.mesh.vertices().iter().zip(&component) {
+            clouds[*c].push(*vertex);
+        }
+        let mut volumes = vec![0.0; count];
+        for t in self.mesh.triangles() {
+            let [a, b, c] = t.map(|v| self.mesh.vertices()[v as usize]);
+            volumes[component[t[0] as usize]] += a.dot(&b.cross(&c)) / 6.0;
+        }
+        let keep = components_touched(&clouds, &volumes, contacts);
+        let mut renamed = vec![0; component.len()];
+        let mut vertices = Vec::new();
+        let mut deviations = Vec::new();
+        for (v, c) in component.iter().enumerate() {
+            if keep[*c] {
+                renamed[v] = vertices.len() as u32;
+                vertices.push(self.mesh.vertices()[v]);
+                deviations.push(self.deviations[v]);
+            }
+        }
+        let kept = self.mesh.triangles().iter().filter(|t| keep[component[t[0] as usize]]);
+        let triangles = kept.map(|t| t.map(|v| renamed[v as usize])).collect();
+        Surface { mesh: Mesh::trusted(vertices, triangles), deviations, clipped: self.clipped }
+    }
+
+    /// Only the component around the largest volume.
+    pub fn largest(&self) -> Surface {
+        self.touched(&[])
+    }
+
+    /// The connected component of each vertex, and how many there are.
+    fn components(&self) -> (Vec<usize>, usize) {
+        let mut groups = Groups::new(self.mesh.vertices().len());
+        for t in self.mesh.triangles() {
+            groups.join(t[0], t[1]);
+            groups.join(t[0], t[2]);
+        }
+        let mut numbers = HashMap::new();
+        let component = (0..self.mesh.vertices().len() as u32)
+            .map(|v| {
+                let next = numbers.len();
+                *numbers.entry(groups.root(v)).or_insert(next)
+            })
+            .collect();
+        (component, numbers.len())
+    }
+}
+
+/// Moves the vertices named by `free` onto the field: Newton steps along the gradient at the
+/// start, each kept only if it lowers the field's magnitude, else tried again at half the length.
+fn settle(field: &dyn Field, spacing: f64, free: &[usize], vertices: &mut [Point]) {
+    let reach = REACH * spacing;
+    let nudge = 0.02 * spacing;
+    let around: Vec<Point> = free
+        .iter()
+        .flat_map(|v| {
+            let p = vertices[*v];
+            let ends = (0..3).flat_map(|a| {
+                let mut step = Point::zeros();
+                step[a] = nudge;
+                [step, -step]
+            });
+            ends.map(move |s| p + s).chain([p]).collect::<Vec<_>>()
+        })
+        .collect();
+    struct Walk {
+        vertex: usize,
+        start: Point,
+        value: f64,
+        /// Metres to go per metre of field value.
+        slope: Point,
+        share: f64,
+    }
+    let mut walks: Vec<Walk> = free
+        .iter()
+        .zip(values_at(field, &around).chunks_exact(7))
+        .map(|(v, f)| {
+            let gradient = Point::new(f[0] - f[1], f[2] - f[3], f[4] - f[5]) / (2.0 * nudge);
+            let slope = gradient / gradient.norm_squared();
+            Walk { vertex: *v, start: vertices[*v], value: f[6], slope, share: 1.0 }
+        })
+        .filter(|w| w.value.is_finite() && w.slope.iter().all(|s| s.is_finite()))
+        .collect();
+    for _ in 0..MOST_STEPS {
+        walks.retain(|w| w.value.abs() > ON_SURFACE);
+        let tries: Vec<Point> = walks
+            .iter()
+            .map(|w| {
+                let target = vertices[w.vertex] - w.slope * (w.value * w.share);
+                w.start + (target - w.start).cap_magnitude(reach)
+            })
+            .collect();
+        for ((walk, point), value) in walks.iter_mut().zip(&tries).zip(values_at(field, &tries)) {
+            if value.abs() < walk.value.abs() {
+                vertices[walk.vertex] = *point;
+                walk.value = value;
+            } else {
+                walk.share *= 0.5;
+            }
+        }
+    }
+}
+
+/// Merges the ends of edges shorter than `shortest` and removes what degenerates: triangles with
+/// two equal corners, pairs of triangles back to back, vertices without triangles. A closed mesh
+/// stays closed.
+fn collapse(
+    vertices: Vec<Point>,
+    triangles: Vec<[u32; 3]>,
+    shortest: f64,
+) -> (Vec<Point>, Vec<[u32; 3]>) {
+    let mut groups = Groups::new(vertices.len());
+    for t in &triangles {
+        for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+            if (vertices[a as usize] - vertices[b as usize]).norm() < shortest {
+                groups.join(a, b);
+            }
+        }
+    }
+    let mut kept: Vec<[u32; 3]> = triangles
+        .into_iter()
+        .map(|t| t.map(|v| groups.root(v)))
+        .filter(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0])
+        .collect();
+    let mut sides: HashMap<[u32; 3], Vec<(usize, bool)>> = HashMap::new();
+    for (i, t) in kept.iter().enumerate() {
+        let mut corners = *t;
+        corners.sort_unstable();
+        let turns = [[t[0], t[1], t[2]], [t[1], t[2], t[0]], [t[2], t[0], t[1]]];
+        sides.entry(corners).or_default().push((i, turns.contains(&corners)));
+    }
+    let mut gone = vec![false; kept.len()];
+    for faces in sides.values().filter(|f| f.len() > 1) {
+        let even: Vec<usize> = faces.iter().filter(|f| f.1).map(|f| f.0).collect();
+        let odd: Vec<usize> = faces.iter().filter(|f| !f.1).map(|f| f.0).collect();
+        for (a, b) in even.into_iter().zip(odd) {
+            gone[a] = true;
+            gone[b] = true;
+        }
+    }
+    let mut index = 0;
+    kept.retain(|_| {
+        index += 1;
+        !gone[index - 1]
+    });
+    let mut renamed = HashMap::new();
+    let mut left = Vec::new();
+    for v in kept.iter_mut().flatten() {
+        *v = *renamed.entry(*v).or_insert_with(|| {
+            left.push(vertices[*v as usize]);
+            left.len() as u32 - 1
+        });
+    }
+    (left, kept)
+}
+
+/// Disjoint sets of vertices.
+struct Groups(Vec<u32>);
+
+impl Groups {
+    fn new(count: usize) -> Self {
+        Self((0..count as u32).collect())
+    }
+
+    fn root(&mut self, mut v: u32) -> u32 {
+        while self.0[v as usize] != v {
+            let above = self.0[self.0[v as usize] as usize];
+            self.0[v as usize] = above;
+            v = above;
+        }
+        v
+    }
+
+    fn join(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.root(a), self.root(b));
+        self.0[a.max(b) as usize] = a.min(b);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    struct Analytic<F>(F);
+
+    impl<F: Fn(&Point) -> f64 + Sync> Field for Analytic<F> {
+        fn values(&self, points: &[Point]) -> Vec<f64> {
+            points.iter().map(&self.0).collect()
+        }
+
+        fn deviations(&self, points: &[Point]) -> Vec<f64> {
+            points.iter().map(|p| p.z.abs()).collect()
+        }
+    }
+
+    fn trace(f: impl Fn(&Point) -> f64 + Sync, half: f64, spacing: f64) -> Surface {
+        let corner = Point::new(half, half, half);
+        extract(&Analytic(f), (-corner, corner), spacing).unwrap()
+    }
+
+    fn assert_closed(mesh: &Mesh) {
+        let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
+        for t in mesh.triangles() {
+            for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+                *edges.entry((a, b)).or_default() += 1;
+                *edges.entry((b, a)).or_default() -= 1;
+            }
+        }
+        assert!(edges.values().all(|n| *n == 0));
+    }
+
+    fn euler(mesh: &Mesh) -> i64 {
+        let vertices = mesh.vertices().len() as i64;
+        let faces = mesh.triangles().len() as i64;
+        vertices - faces * 3 / 2 + faces
+    }
+
+    fn smallest_area(mesh: &Mesh) -> f64 {
+        let areas = mesh.triangles().iter().map(|t| {
+            let [a, b, c] = t.map(|v| mesh.vertices()[v as usize]);
+            (b - a).cross(&(c - a)).norm() / 2.0
+        });
+        areas.fold(f64::INFINITY, f64::min)
+    }
+
+    fn torus(p: &Point) -> f64 {
+        (p.xy().norm() - 0.04).hypot(p.z) - 0.015
+    }
+
+    #[test]
+    fn a_sphere_is_closed_outward_and_on_the_field() {
+        let surface = trace(|p| p.norm() - 0.05, 0.06, 0.005);
+        assert_closed(&surface.mesh);
+        assert_eq!(euler(&surface.mesh), 2);
+        assert!(!surface.clipped);
+        for v in surface.mesh.vertices() {
+            assert!((v.norm() - 0.05).abs() < 1e-6);
+        }
+        let exact = 4.0 / 3.0 * std::f64::consts::PI * 0.05_f64.powi(3);
+        let ratio = surface.mesh.volume() / exact;
+        assert!(ratio < 1.0 && ratio > 0.985, "{ratio}");
+        assert_eq!(surface.deviations.len(), surface.mesh.vertices().len());
+        assert_eq!(surface.deviations[7], surface.mesh.vertices()[7].z.abs());
+    }
+
+    #[test]
+    fn a_torus_keeps_its_hole() {
+        let surface = trace(torus, 0.06, 0.004);
+        assert_closed(&surface.mesh);
+        assert_eq!(euler(&surface.mesh), 0);
+        for v in surface.mesh.vertices() {
+            assert!(torus(v).abs() < 1e-6, "{v:?} {}", torus(v));
+        }
+        let exact = 2.0 * std::f64::consts::PI.powi(2) * 0.04 * 0.015 * 0.015;
+        assert!((surface.mesh.volume() / exact - 1.0).abs() < 0.04);
+        assert!(smallest_area(&surface.mesh) > 1e-9 * 0.004 * 0.004);
+    }
+
+    #[test]
+    fn a_field_far_from_a_distance_is_still_met() {
+        let f = |p: &Point| {
+            let q = Point::new(p.x / 0.05, p.y / 0.03, p.z / 0.02);
+            0.02 * (q.norm_squared().powi(2) - 1.0)
+        };
+        let surface = trace(f, 0.06, 0.003);
+        assert_closed(&surface.mesh);
+        let worst = surface.mesh.vertices().iter().map(|v| f(v).abs()).fold(0.0, f64::max);
+        assert!(worst < 1e-6, "{worst}");
+    }
+
+    #[test]
+    fn a_box_is_closed_although_its_edges_are_sharp() {
+        let f = |p: &Point| (p.x.abs() - 0.05).max((p.y.abs() - 0.03).max(p.z.abs() - 0.02));
+        // The faces lie on nodes of the lattice, so nets put vertices on top of one another.
+        let surface = trace(f, 0.06, 0.005);
+        assert_closed(&surface.mesh);
+        assert_eq!(euler(&surface.mesh), 2);
+        assert!(smallest_area(&surface.mesh) > 0.0);
+        assert!((surface.mesh.volume() / (0.1 * 0.06 * 0.04) - 1.0).abs() < 0.03);
+    }
+
+    #[test]
+    fn an_object_that_reaches_the_edge_is_closed_there() {
+        let surface = trace(|p| p.x, 0.02, 0.004);
+        assert!(surface.clipped);
+        assert_closed(&surface.mesh);
+        assert!(surface.mesh.volume() > 0.0);
+    }
+
+    #[test]
+    fn nothing_and_not_a_number_are_empty_meshes() {
+        assert!(trace(|_| 1.0, 0.02, 0.004).mesh.triangles().is_empty());
+        let surface = trace(|_| f64::NAN, 0.02, 0.004);
+        assert!(surface.mesh.vertices().is_empty() && surface.deviations.is_empty());
+    }
+
+    #[test]
+    fn only_touched_components_stay() {
+        let two = |p: &Point| {
+            let small = (p - Point::new(-0.03, 0.0, 0.0)).norm() - 0.012;
+            let large = (p - Point::new(0.03, 0.0, 0.0)).norm() - 0.02;
+            small.min(large)
+        };
+        let surface = trace(two, 0.06, 0.004);
+        let small =
+            surface.touched(&[Point::new(-0.03, 0.0125, 0.0), Point::new(-0.042, 0.0, 0.0)]);
+        assert_closed(&small.mesh);
+        assert_eq!(euler(&small.mesh), 2);
+        assert!(small.mesh.vertices().iter().all(|v| v.x < 0.0));
+        assert_eq!(small.deviations.len(), small.mesh.vertices().len());
+        assert_eq!(small.deviations[5], small.mesh.vertices()[5].z.abs());
+        assert!(surface.largest().mesh.vertices().iter().all(|v| v.x > 0.0));
+    }
+
+    #[test]
+    fn the_same_field_gives_the_same_mesh() {
+        let (a, b) = (trace(torus, 0.06, 0.005), trace(torus, 0.06, 0.005));
+        assert_eq!(a.mesh.vertices(), b.mesh.vertices());
+        assert_eq!(a.mesh.triangles(), b.mesh.triangles());
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(12))]
+        #[test]
+        fn any_landscape_is_closed(
+            waves in proptest::array::uniform4((30.0..120.0, 30.0..120.0, 30.0..120.0, 0.0..6.3)),
+        ) {
+            // Far too coarse a lattice: sheets meet, and the object is cut off all around.
+            let f = |p: &Point| {
+                let wave = |(a, b, c, phase): &(f64, f64, f64, f64)| {
+                    (a * p.x + phase).sin() * (b * p.y).cos() * (c * p.z + 0.3).cos()
+                };
+                0.01 * waves.iter().map(wave).sum::<f64>() + 1e-3
+            };
+            let surface = trace(f, 0.06, 0.008);
+            assert_closed(&surface.mesh);
+            prop_assert!(surface.mesh.volume() > 0.0);
+            prop_assert!(smallest_area(&surface.mesh) > 0.0);
+            let touched = surface.touched(&surface.mesh.vertices()[..1]);
+            assert_closed(&touched.mesh);
+        }
+    }
+}

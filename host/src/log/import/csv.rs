@@ -129,7 +129,7 @@ impl Columns {
             return Err(row.wrong(None, "expected a whole normal or none, found a part of one"));
         }
         let length = normal.norm();
-        if !((length - 1.0).abs() <= 1e-3) {
+        if (length - 1.0).abs() > 1e-3 {
             let problem = format!("expected a normal of length 1 within 0.001, found {length}");
             return Err(row.wrong(Some("nx"), problem));
         }

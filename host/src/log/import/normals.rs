@@ -50,7 +50,7 @@ impl LineFit {
     pub fn new(point_deviation: f64) -> Self {
         LineFit {
             point_deviation,
-            reach: 0.025,
+            reach: 0.03,
             tolerance: 2.0 * point_deviation,
             contacts: 4,
             cone: 45f64.to_radians(),
@@ -173,7 +173,7 @@ mod tests {
         assert!(fit().normal(&close, 2).is_none(), "too short to have a direction");
         let across: Vec<_> = (0..6).map(|k| at(0.008 * k as f64, 0.0, 10.0)).collect();
         assert!(fit().normal(&across, 2).is_none(), "the force says otherwise");
-        let far: Vec<_> = (0..6).map(|k| at(0.03 * k as f64, 0.0, 90.0)).collect();
+        let far: Vec<_> = (0..6).map(|k| at(0.04 * k as f64, 0.0, 90.0)).collect();
         assert!(fit().normal(&far, 2).is_none(), "no neighbour in reach");
     }
 

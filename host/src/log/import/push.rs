@@ -147,7 +147,7 @@ fn pose(tokens: &mut Tokens<'_>, what: &str) -> Result<Pose, LogError> {
         return Err(tokens.wrong(None, problem));
     }
     let q = Quaternion::new(qw, qx, qy, qz);
-    if !((q.norm() - 1.0).abs() <= 1e-3) {
+    if (q.norm() - 1.0).abs() > 1e-3 {
         let length = q.norm();
         let problem = format!("{what}: expected a quaternion of length 1, found length {length}");
         return Err(tokens.wrong(None, problem));

@@ -1,0 +1,104 @@
+//! STL, ascii and binary: triangles without shared vertices, which are merged where equal.
+
+use std::collections::HashMap;
+
+use super::{Place, Soup, Wrong, point, text};
+use crate::space::Point;
+
+/// Bytes before the triangles, and of each.
+const HEADER: usize = 84;
+const TRIANGLE: usize = 50;
+
+pub(super) fn parse(bytes: &[u8]) -> Result<Soup, Wrong> {
+    // Many binary files begin with the word `solid` too: the length decides.
+    let count =
+        bytes.get(80..HEADER).map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]]) as usize);
+    let expected = count.and_then(|n| n.checked_mul(TRIANGLE)?.checked_add(HEADER));
+    if expected == Some(bytes.len()) {
+        return Ok(binary(&bytes[HEADER..]));
+    }
+    if !bytes.trim_ascii_start().starts_with(b"solid") {
+        return Err(match expected {
+            Some(length) => Wrong::new(
+                Place::Byte(bytes.len()),
+                format!("{length} bytes, as the header says"),
+                format!("{} bytes", bytes.len()),
+            ),
+            None => Wrong::new(Place::Byte(0), "an STL file", format!("{} bytes", bytes.len())),
+        });
+    }
+    ascii(text(bytes)?)
+}
+
+fn binary(bytes: &[u8]) -> Soup {
+    let mut merged = Merged::default();
+    for triangle in bytes.chunks_exact(TRIANGLE) {
+        let number = |i: usize| {
+            let b = &triangle[4 * i..4 * i + 4];
+            f32::from_le_bytes([b[0], b[1], b[2], b[3]]) as f64
+        };
+        // The first three numbers are the normal, which the corners' order tells as well.
+        let corner = |c: usize| Point::new(number(3 * c), number(3 * c + 1), number(3 * c + 2));
+        merged.triangle([corner(1), corner(2), corner(3)]);
+    }
+    merged.soup
+}
+
+fn ascii(text: &str) -> Result<Soup, Wrong> {
+    let mut merged = Merged::default();
+    let mut corners: Vec<Point> = Vec::new();
+    let mut last = 0;
+    let mut open = false;
+    for (number, line) in text.lines().enumerate() {
+        last = number + 1;
+        let place = Place::Line(last);
+        let words: Vec<&str> = line.split_ascii_whitespace().collect();
+        match words.first().copied() {
+            Some("vertex") => corners.push(point(place, &words[1..])?),
+            Some("endloop") => {
+                let &[a, b, c] = &corners[..] else {
+                    let found = corners.len().to_string();
+                    return Err(Wrong::new(place, "3 vertices in a loop", found));
+                };
+                merged.triangle([a, b, c]);
+                corners.clear();
+            }
+            Some("solid") => open = true,
+            Some("endsolid") => open = false,
+            None | Some("facet" | "outer" | "endfacet") => {}
+            Some(word) => {
+                let expected = "solid, facet, outer loop, vertex, endloop, endfacet or endsolid";
+                return Err(Wrong::new(place, expected, format!("{word:?}")));
+            }
+        }
+    }
+    if open || !corners.is_empty() {
+        return Err(Wrong::new(Place::Line(last + 1), "endsolid", "the end of the file"));
+    }
+    Ok(merged.soup)
+}
+
+/// Triangles whose equal corners are one vertex.
+#[derive(Default)]
+struct Merged {
+    soup: Soup,
+    known: HashMap<[u64; 3], u32>,
+}
+
+impl Merged {
+    fn triangle(&mut self, corners: [Point; 3]) {
+        let indices = corners.map(|p| {
+            // Adding zero makes −0 and +0 one.
+            let key = [p.x, p.y, p.z].map(|x| (x + 0.0).to_bits());
+            *self.known.entry(key).or_insert_with(|| {
+                self.soup.vertices.push(p);
+                self.soup.vertices.len() as u32 - 1
+            })
+        });
+        let [a, b, c] = indices;
+        // A triangle that merging has collapsed has no area, and would leave a seam open.
+        if a != b && b != c && c != a {
+            self.soup.triangles.push(indices);
+        }
+    }
+}

@@ -1,0 +1,205 @@
+use super::*;
+use crate::shape::mesh::tests::cuboid;
+
+/// The shared data, or `None` with a line that says so.
+fn data(path: &str) -> Option<PathBuf> {
+    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
+    let folder = std::env::var_os("TACTILE_DATA").map_or_else(beside, PathBuf::from);
+    let folder = folder.join(path);
+    if !folder.exists() {
+        eprintln!("skipped: {} is not there", folder.display());
+        return None;
+    }
+    Some(folder)
+}
+
+fn parsed(name: &str, bytes: &[u8]) -> Result<Mesh, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    std::fs::write(&path, bytes).unwrap();
+    read_mesh(&path).map_err(|e| e.to_string().replace(&path.display().to_string(), name))
+}
+
+fn same(a: &Mesh, b: &Mesh) {
+    assert_eq!(a.triangles(), b.triangles());
+    assert_eq!(a.vertices(), b.vertices());
+}
+
+#[test]
+fn ply_comes_back_exactly() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ply");
+    let mesh = cuboid([0.1 / 3.0, 0.03, 0.02]);
+    let normals: Vec<Point> = mesh.vertices().iter().map(|v| v.normalize()).collect();
+    let deviations = vec![0.001; 8];
+    for (normals, deviations) in
+        [(None, None), (Some(&normals[..]), None), (Some(&normals[..]), Some(&deviations[..]))]
+    {
+        write_ply(&path, &mesh, normals, deviations).unwrap();
+        same(&read_mesh(&path).unwrap(), &mesh);
+    }
+    let error = write_ply(&path, &mesh, None, Some(&[0.1])).unwrap_err().to_string();
+    assert!(error.contains("1 deviations for 8 vertices"), "{error}");
+    same(&read_mesh(&path).unwrap(), &mesh);
+}
+
+#[test]
+fn every_format_gives_the_same_tetrahedron() {
+    let ply = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty uchar red\n\
+        property float y\nproperty float z\nelement face 3\nproperty list uchar int vertex_indices\n\
+        property float quality\nend_header\n0 255 0 0\n1 255 0 0\n0 255 1 0\n0 255 0 1\n\
+        3 0 2 1 0.5\n3 0 1 3 0.5\n4 0 3 2 2 0.5\n";
+    // The quadrilateral repeats a corner only to test the fan.
+    let mesh = parsed("a.ply", ply.as_bytes()).unwrap();
+    assert_eq!(mesh.triangles(), [[0, 2, 1], [0, 1, 3], [0, 3, 2], [0, 2, 2]]);
+    assert_eq!(mesh.vertices()[2], Point::new(0.0, 1.0, 0.0));
+
+    let off = "OFF # comment\n4 4 6\n0 0 0\n\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1 255 0 0\n3 0 1 3\n\
+        3 0 3 2\n3 1 2 3 0.5 0.5 0.5\n";
+    let off = parsed("a.off", off.as_bytes()).unwrap();
+    let obj = "# comment\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 1\nf 1 3 2\nf 1/1 2/1 4/1\n\
+        f 1//1 4//1 3//1\nf -3 -2 -1\n";
+    let obj = parsed("a.obj", obj.as_bytes()).unwrap();
+    same(&off, &obj);
+    assert!(off.is_watertight() && (off.volume() - 1.0 / 6.0).abs() < 1e-12);
+
+    let mut ascii = String::from("solid a vertex of sorts\n");
+    let mut binary = vec![b' '; 80];
+    binary[..5].copy_from_slice(b"solid");
+    binary.extend(4u32.to_le_bytes());
+    for t in off.triangles() {
+        ascii += "facet normal 0 0 0\n outer loop\n";
+        binary.extend([0; 12]);
+        for v in t.map(|v| off.vertices()[v as usize]) {
+            // A negative zero is the same place.
+            ascii += &format!("  vertex {:e} {} -{}\n", v.x, v.y, -v.z);
+            binary.extend([v.x, v.y, v.z].iter().flat_map(|x| (*x as f32).to_le_bytes()));
+        }
+        ascii += " endloop\nendfacet\n";
+        binary.extend([0; 2]);
+    }
+    ascii += "endsolid\n";
+    let ascii = ascii.replace("--", "");
+    for stl in [parsed("a.stl", ascii.as_bytes()), parsed("b.STL", &binary)] {
+        let stl = stl.unwrap();
+        assert!(stl.is_watertight() && stl.vertices().len() == 4);
+        assert!((stl.volume() - 1.0 / 6.0).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn what_is_wrong_is_named() {
+    let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+        property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
+    let binary = header.replace("ascii", "binary_little_endian");
+    let endless = binary.replace("vertex 3", "vertex 99999999999");
+    let cases: [(&str, &str, &str); 16] = [
+        ("a.xyz", "", "ending in .ply, .stl, .obj or .off"),
+        ("a.ply", "", "a.ply, line 1: expected ply, found the end of the file"),
+        ("a.ply", "play\n", "line 1: expected ply"),
+        ("a.ply", "ply\nformat binary_big_endian 1.0\n", "line 2: expected format ascii 1.0 or"),
+        ("a.ply", "ply\nelement vertex three\n", "line 2: expected element NAME COUNT"),
+        ("a.ply", "ply\nproperty float x\n", "line 2: expected an element before its properties"),
+        ("a.ply", &format!("{header}0 0 0\n1 0 x\n"), "line 11: expected a number, found \"x\""),
+        ("a.ply", &format!("{header}0 0 0\n1 0 0\n"), "line 12: expected more elements"),
+        (
+            "a.ply",
+            &format!("{header}0 0 0\n1 0 0\n0 1 0\n3 0 1 -2"),
+            "a whole number from 0, found -2",
+        ),
+        (
+            "a.ply",
+            &format!("{header}0 0 0\n1 0 0\n0 1 0\n3 0 1 3"),
+            "a.ply: triangle 0 names a vertex",
+        ),
+        (
+            "a.ply",
+            &format!("{header}0 0 0\n1 0 0\n0 nan 0\n3 0 1 2"),
+            "vertex 2: coordinates must be",
+        ),
+        ("a.ply", &format!("{endless}0123456789"), "expected more elements, as the header says"),
+        (
+            "a.stl",
+            "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0\n",
+            "line 4: expected three",
+        ),
+        ("a.stl", "not at all", "expected an STL file"),
+        ("a.obj", "v 0 0 0\nv 0 1 0\nf 1 2 0\n", "line 3: expected the number of a vertex, from 1"),
+        ("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n2 0 1\n", "line 6: expected a face"),
+    ];
+    for (name, content, expected) in cases {
+        let error = parsed(name, content.as_bytes()).unwrap_err();
+        assert!(error.contains(expected), "{content:?}: {error}");
+    }
+    let error = read_mesh(Path::new("no/such/file.ply")).unwrap_err().to_string();
+    assert!(error.starts_with("no/such/file.ply: cannot read: "), "{error}");
+}
+
+#[test]
+fn contours_come_back_and_polygons_are_read_from_text_and_json() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("contour.csv");
+    let ring = Outline::new(vec![
+        vec![[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]],
+        vec![[-0.05, 0.0], [0.0, 0.05], [0.1 / 3.0, -0.05]],
+    ])
+    .unwrap();
+    write_contour(&path, &ring, None).unwrap();
+    assert_eq!(read_outline(&path).unwrap(), ring);
+    let deviations: Vec<f64> = (0..7).map(|i| i as f64).collect();
+    write_contour(&path, &ring, Some(&deviations)).unwrap();
+    assert_eq!(read_outline(&path).unwrap(), ring);
+    let written = std::fs::read_to_string(&path).unwrap();
+    assert!(written.starts_with("loop,x,y,deviation\n0,-0.1,-0.1,0\n"), "{written}");
+
+    let triangle = Outline::new(vec![vec![[0.0, 0.0], [0.15, 0.0], [0.0, 0.15]]]).unwrap();
+    for text in [
+        "x,y\n0,0\n0.15,0\n0,0.15\n0,0\n",
+        "# a block\n0 0\n\n0.15 0 # corner\n0 0.15\n",
+        "[[0, 0], [0.15, 0.0], [0, 0.15]]",
+    ] {
+        std::fs::write(&path, text).unwrap();
+        assert_eq!(read_outline(&path).unwrap(), triangle, "{text}");
+    }
+    for (text, expected) in [
+        ("", "line 1: expected at least 3 vertices"),
+        ("0 0\n1 0\n1 one\n", "line 3: expected a number, found \"one\""),
+        ("0 0\n1\n", "line 2: expected two numbers"),
+        ("0 0 0\n1 0 0\n", "line 1: expected two numbers x, y, found 3 numbers"),
+        ("0 0\n1 0\n", "2 distinct vertices"),
+        ("[[0, 0],\n [1, 2, 3]]", "line 2: expected a list of [x, y]"),
+    ] {
+        std::fs::write(&path, text).unwrap();
+        let error = read_outline(&path).unwrap_err().to_string();
+        assert!(error.contains(expected), "{text:?}: {error}");
+    }
+}
+
+#[test]
+fn shared_meshes_are_read() {
+    if let Some(folder) = data("mujoco") {
+        let mesh = read_mesh(&folder.join("box.ply")).unwrap();
+        assert!(mesh.is_watertight() && (mesh.volume() - 0.12 * 0.06 * 0.06).abs() < 1e-9);
+        let mesh = read_mesh(&folder.join("sphere.ply")).unwrap();
+        assert!(mesh.is_watertight() && mesh.volume() > 0.0);
+    }
+    if let Some(folder) = data("ycb") {
+        // 213 × 158 × 60 mm nominal, scanned; the scan has specks besides the box.
+        let mesh = read_mesh(&folder.join("cracker_box.ply")).unwrap();
+        assert_eq!(mesh.triangles().len(), 49900);
+        let (low, high) = mesh.bounds();
+        let mut size: Vec<f64> = (high - low).iter().copied().collect();
+        size.sort_by(f64::total_cmp);
+        assert!((size[2] - 0.213).abs() < 0.005 && (size[0] - 0.06).abs() < 0.015, "{size:?}");
+    }
+    if let Some(folder) = data("touch/models") {
+        // 10 × 30 × 20 cm.
+        let mesh = read_mesh(&folder.join("box.off")).unwrap();
+        assert!((mesh.area() - 0.22).abs() < 1e-9);
+        assert!((mesh.bounds().1 - Point::new(0.1, 0.3, 0.2)).norm() < 1e-12);
+        for name in ["cleaner", "cylinder", "helmet", "tetrahedron"] {
+            let mesh = read_mesh(&folder.join(format!("{name}.off"))).unwrap();
+            assert!(mesh.area() > 0.0, "{name}");
+        }
+    }
+}
