@@ -44,3 +44,13 @@ impl<L: Link + ?Sized> Link for Box<L> {
         (**self).receive(bytes, timeout)
     }
 }
+
+impl<L: Link + ?Sized> Link for &mut L {
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        (**self).send(bytes)
+    }
+
+    fn receive(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        (**self).receive(bytes, timeout)
+    }
+}
