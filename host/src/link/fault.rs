@@ -1,7 +1,7 @@
 //! A link that misbehaves on purpose, the same way for the same seed.
 
 use std::io;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tactile_core::random::Random;
 
@@ -113,9 +113,14 @@ impl<L: Link> Link for Faulty<L> {
     }
 
     fn receive(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<usize> {
-        if self.ready.is_empty() {
+        let deadline = Instant::now() + timeout;
+        while self.ready.is_empty() {
             let mut raw = [0; 512];
-            let count = self.link.receive(&mut raw, timeout)?;
+            let left = deadline.saturating_duration_since(Instant::now());
+            let count = self.link.receive(&mut raw, left)?;
+            if count == 0 {
+                return Ok(0);
+            }
             let raw = raw.get(..count).unwrap_or(&[]);
             self.ready =
                 self.incoming.pass(raw, &self.faults, &mut self.random, &mut self.injected);
