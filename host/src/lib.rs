@@ -1,7 +1,7 @@
 //! # tactile-host
 //!
 //! Everything around [`tactile_core`] that wants a heap: grasp logs and recordings, simulated
-//! objects and hands, the dense double-precision [`reference`] the core is held against, contours
+//! objects and hands, the dense double-precision [mod@reference] the core is held against, contours
 //! and meshes, the link to a board, pictures and reports, and the command line `tactile`.
 //!
 //! Host types hold planar data as spatial data with z = 0 and rotations about z, so that files,

@@ -1,2 +1,10 @@
 //! The command line `tactile`.
-fn main() {}
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use tactile_host::cli::Cli;
+
+fn main() -> ExitCode {
+    Cli::parse().run()
+}

@@ -170,22 +170,49 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     /// Posterior variance of f at `point`, square metres, exactly (thesis 2.14): about n²/2
     /// multiplications and `ROWS` numbers of stack.
     pub fn variance(&self, point: S::Vector) -> f32 {
+        let explained = self.explained(point, |site, d, radial, row| {
+            row[0] = radial.k;
+            if site.slope {
+                for j in 0..S::DIMENSION {
+                    row[1 + j] = -radial.a * d[j];
+                }
+            }
+        });
+        (self.kernel.variance() - explained).max(0.0)
+    }
+
+    /// Posterior variance of one component of ∇f at `point`, averaged over the components, exactly.
+    pub fn slope_variance(&self, point: S::Vector) -> f32 {
+        let mut explained = 0.0;
+        for i in 0..S::DIMENSION {
+            explained += self.explained(point, |site, d, radial, row| {
+                row[0] = radial.a * d[i];
+                if site.slope {
+                    for j in 0..S::DIMENSION {
+                        let diagonal = if i == j { radial.a } else { 0.0 };
+                        row[1 + j] = -(radial.b * d[i] * d[j] + diagonal);
+                    }
+                }
+            });
+        }
+        (self.kernel.slope_variance() - explained * (1.0 / S::DIMENSION as f32)).max(0.0)
+    }
+
+    /// k*ᵀ (K + Σ)⁻¹ k* for the covariances that `fill` writes into each site's rows.
+    fn explained(
+        &self,
+        point: S::Vector,
+        fill: impl Fn(&Site<S>, S::Vector, Radial, &mut [f32]),
+    ) -> f32 {
         let mut row = [0.0; ROWS];
         for site in self.sites() {
             let d = point - site.point;
-            let Radial { k, a, .. } = self.kernel.radial(d.norm_squared());
             let at = usize::from(site.row);
-            row[at] = k;
-            if site.slope {
-                for j in 0..S::DIMENSION {
-                    row[at + 1 + j] = -a * d[j];
-                }
-            }
+            fill(site, d, self.kernel.radial(d.norm_squared()), &mut row[at..at + site.rows()]);
         }
         let row = &mut row[..self.factor.rows()];
         self.factor.forward(row);
-        let explained: f32 = row.iter().map(|v| v * v).sum();
-        (self.kernel.variance() - explained).max(0.0)
+        row.iter().map(|v| v * v).sum()
     }
 
     /// Log marginal likelihood of the contacts after the last refit (thesis 2.16, corrected).

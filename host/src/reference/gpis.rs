@@ -118,6 +118,8 @@ pub struct Gpis {
     prior: Prior,
     observations: Vec<Observation>,
     sites: Vec<Site>,
+    /// Where the contacts are.
+    touched: Vec<Point>,
     cholesky: Cholesky,
     log_marginal_likelihood: f64,
 }
@@ -202,6 +204,7 @@ impl Gpis {
             prior,
             observations,
             sites,
+            touched: contacts.iter().map(|c| c.point).collect(),
             cholesky,
             log_marginal_likelihood,
         })
@@ -215,6 +218,12 @@ impl Gpis {
     /// Rows of the covariance matrix.
     pub fn rows(&self) -> usize {
         self.observations.len()
+    }
+
+    /// Distance from `point` to the nearest contact, metres; infinite without any.
+    pub fn nearest(&self, point: &Point) -> f64 {
+        let p = self.flat(point);
+        self.touched.iter().map(|t| (t - p).norm()).fold(f64::INFINITY, f64::min)
     }
 
     /// Thesis 2.16 as corrected: log p(targets), the constant −n/2·log 2π included.

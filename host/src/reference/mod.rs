@@ -9,7 +9,7 @@
 //! data has z = 0 and the dimension, 2 or 3, decides how many derivatives there are.
 
 pub mod cholesky;
-// pub mod filter;
+pub mod filter;
 pub mod gpis;
 pub mod kernel;
 pub mod prior;
@@ -17,7 +17,7 @@ pub mod prior;
 #[cfg(test)]
 mod tests;
 
-// pub use filter::{Filter, Settings};
+pub use filter::{Filter, Gate, Settings};
 pub use gpis::{Gpis, Training};
 pub use kernel::Kernel;
 pub use prior::Prior;

@@ -17,7 +17,7 @@ pub struct Mesh {
     vertices: Vec<Point>,
     triangles: Vec<[u32; 3]>,
     /// The tree for queries, built at the first one; `None` when there are no triangles.
-    tree: OnceLock<Option<TriMesh>>,
+    tree: OnceLock<Option<Box<TriMesh>>>,
 }
 
 impl Mesh {
@@ -187,9 +187,9 @@ impl Mesh {
             let flags =
                 if self.is_watertight() { TriMeshFlags::ORIENTED } else { TriMeshFlags::empty() };
             let vertices = self.vertices.iter().map(glam).collect();
-            TriMesh::with_flags(vertices, self.triangles.clone(), flags).ok()
+            TriMesh::with_flags(vertices, self.triangles.clone(), flags).ok().map(Box::new)
         };
-        self.tree.get_or_init(build).as_ref()
+        self.tree.get_or_init(build).as_deref()
     }
 }
 

@@ -1,1 +1,12 @@
-//! Simulated objects, hands and noise.
+//! Simulated objects, hands and noise: grasp logs whose truth is known.
+//!
+//! A simulation speaks to an estimator only through its log.
+
+pub mod objects;
+mod random;
+pub mod touch;
+pub mod world;
+
+pub use objects::{ObjectError, ObjectSpec};
+pub use touch::Touch;
+pub use world::{Options, SimError, Simulation, simulate};

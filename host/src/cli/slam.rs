@@ -1,0 +1,111 @@
+//! `tactile slam`: a grasp log in, shape and poses out.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::{Args, ValueEnum};
+
+use crate::cli::{Error, say};
+use crate::log::GraspLog;
+use crate::slam::output::{Provenance, conclude, true_shape};
+use crate::slam::track;
+
+/// Reconstruct an object and its poses from a grasp log.
+///
+/// Writes report.json, contour.csv (2D) or shape.ply (3D), trajectory.tum and summary.png.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  tactile simulate --object ellipse:0.12x0.06 --seed 3 -o ellipse.jsonl\n  tactile slam ellipse.jsonl --out ellipse")]
+pub struct SlamArgs {
+    /// Grasp log; without one, the bundled recording
+    log: Option<PathBuf>,
+    /// How poses are estimated
+    #[arg(long, value_enum, default_value_t = TrackerKind::Bootstrap)]
+    tracker: TrackerKind,
+    /// Surface model
+    #[arg(long, value_enum, default_value_t = SurfaceKind::Gp)]
+    surface: SurfaceKind,
+    /// Where poses come from: the tracker, or the log's truth (an experiment)
+    #[arg(long, value_enum, default_value_t = Poses::Estimated)]
+    poses: Poses,
+    /// Seed of the tracker's random numbers
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Folder for the results
+    #[arg(long, default_value = "out")]
+    out: PathBuf,
+    /// Print the report as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Trackers on offer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum TrackerKind {
+    /// Bootstrap particle filter over one shared map (thesis 3.3.1, corrected)
+    Bootstrap,
+}
+
+/// Surface models on offer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SurfaceKind {
+    /// The model that suits the contacts: the Gaussian process is the only one so far
+    Auto,
+    /// Gaussian process implicit surface
+    Gp,
+}
+
+/// Where poses come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Poses {
+    /// The tracker
+    Estimated,
+    /// The log's true poses
+    Truth,
+}
+
+/// The log that a fresh clone reconstructs.
+const BUNDLED: &str = include_str!("../../assets/bundled.jsonl");
+const BUNDLED_NAME: &str = "bundled recording";
+
+/// Runs the subcommand.
+///
+/// # Errors
+/// Bad input before anything is written; unwritable results.
+pub fn run(args: &SlamArgs) -> Result<(), Error> {
+    let (log, name) = match &args.log {
+        Some(path) => (GraspLog::read(path).map_err(Error::input)?, path.display().to_string()),
+        None => (
+            GraspLog::parse(BUNDLED.as_bytes(), BUNDLED_NAME.as_ref()).map_err(Error::input)?,
+            BUNDLED_NAME.to_owned(),
+        ),
+    };
+    let truth = true_shape(&log).unwrap_or_else(|error| {
+        eprintln!("warning: {name}: {error}; errors against the truth are left out");
+        None
+    });
+    let start = Instant::now();
+    let (steps, tracker) = match args.poses {
+        Poses::Truth => {
+            let steps = track::truth(&log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
+            (steps, "truth")
+        }
+        Poses::Estimated => match args.tracker {
+            TrackerKind::Bootstrap => {
+                (track::bootstrap(&log, &track::settings(&log, args.seed)), "bootstrap")
+            }
+        },
+    };
+    let tracking_seconds = start.elapsed().as_secs_f64();
+    let title = if log.description.is_empty() { &name } else { &log.description };
+    let outcome =
+        conclude(&log, truth.as_ref(), steps, Provenance { title, tracker, tracking_seconds })
+            .map_err(|e| Error::Input(format!("{name}: {e}")))?;
+    outcome.write(&args.out).map_err(Error::input)?;
+    if args.json {
+        say(outcome.report.to_json().map_err(Error::failure)?.trim_end());
+    } else {
+        say(outcome.report.to_string().trim_end());
+        say(format!("results in {}", args.out.display()));
+    }
+    Ok(())
+}

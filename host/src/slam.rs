@@ -1,1 +1,0 @@
-//! A grasp log in, shape and poses out.

@@ -1,0 +1,30 @@
+//! The main job: a grasp log in, the object's poses and shape out.
+//!
+//! [`track`] follows the object with the core's tracker (or takes the log's true poses),
+//! [`reconstruct`] builds the surface from all contacts at those poses, and [`output`] evaluates and
+//! writes what a reader wants: report, shape, trajectory and picture.
+
+pub mod output;
+pub mod reconstruct;
+pub mod track;
+
+use crate::log::{LoggedContact, Noise};
+
+/// Standard deviation of a contact point where the log does not say: 1 mm (thesis 3.4).
+pub const POINT_DEVIATION: f64 = 1e-3;
+
+/// Standard deviation of a normal where the log does not say: 5° (thesis 3.4), radians.
+pub const NORMAL_DEVIATION: f64 = 0.0873;
+
+/// Least standard deviations a model is given, so that noise-free logs do not make it singular:
+/// 0.1 mm and 0.5°.
+const LEAST_POINT_DEVIATION: f64 = 1e-4;
+const LEAST_NORMAL_DEVIATION: f64 = 0.0087;
+
+/// What the models assume of one contact: deviations of the point (metres) and of the normal
+/// (radians).
+pub fn deviations(contact: &LoggedContact, noise: &Noise) -> (f64, f64) {
+    let point = noise.point.unwrap_or(POINT_DEVIATION);
+    let normal = contact.normal_noise.or(noise.normal).unwrap_or(NORMAL_DEVIATION);
+    (point.max(LEAST_POINT_DEVIATION), normal.max(LEAST_NORMAL_DEVIATION))
+}

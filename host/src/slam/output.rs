@@ -1,0 +1,220 @@
+//! What a run leaves behind: `report.json`, the shape, the trajectory and a picture.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use crate::log::{GraspLog, TrueShape};
+use crate::shape::files::{self, FileError};
+use crate::shape::{Geometry, Outline, ShapeError};
+use crate::slam::reconstruct::{self, Reconstruction, reconstruct};
+use crate::slam::track::Step;
+use crate::view::report::{JudgedGrasp, Report, Run, gauge, pose_errors};
+use crate::view::summary::{self, Summary};
+use crate::view::trajectory;
+
+/// The true shape of a log cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum TruthError {
+    /// The mesh file.
+    #[error("truth.shape.mesh: {0}")]
+    Mesh(#[from] FileError),
+    /// The polygon in the header.
+    #[error("truth.shape.polygon: {0}")]
+    Outline(#[from] ShapeError),
+}
+
+/// The log's true shape as geometry in the true object frame, `None` where it has none.
+///
+/// # Errors
+/// When the mesh cannot be read or the polygon is not simple.
+pub fn true_shape(log: &GraspLog) -> Result<Option<Geometry>, TruthError> {
+    Ok(match &log.shape {
+        None => None,
+        Some(TrueShape::Polygon(vertices)) => {
+            Some(Geometry::Outline(Outline::new(vec![vertices.clone()])?))
+        }
+        Some(TrueShape::Mesh { file, .. }) => Some(Geometry::Mesh(files::read_mesh(file)?)),
+    })
+}
+
+/// A finished run.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// Figures.
+    pub report: Report,
+    /// The shape in the estimated object frame.
+    pub reconstruction: Reconstruction,
+    /// The poses.
+    pub steps: Vec<Step>,
+    /// Everything the picture shows, in one frame.
+    summary: Summary,
+    /// Seconds of each grasp, or its number where the log has no times.
+    times: Vec<f64>,
+}
+
+/// How a run came about, for its report.
+#[derive(Clone, Copy, Debug)]
+pub struct Provenance<'a> {
+    /// Title of the picture.
+    pub title: &'a str,
+    /// Which tracker estimated the poses.
+    pub tracker: &'a str,
+    /// How long it took, seconds.
+    pub tracking_seconds: f64,
+}
+
+/// Reconstructs the object from a log and the poses found for it, and judges both where the truth is
+/// known.
+///
+/// # Errors
+/// When there is nothing to reconstruct; see [`reconstruct()`].
+pub fn conclude(
+    log: &GraspLog,
+    truth: Option<&Geometry>,
+    steps: Vec<Step>,
+    provenance: Provenance<'_>,
+) -> Result<Outcome, reconstruct::Error> {
+    let start = Instant::now();
+    let reconstruction = reconstruct(log, &steps)?;
+    let seconds =
+        [("track", provenance.tracking_seconds), ("surface", start.elapsed().as_secs_f64())];
+    let grasps = judged(log, &steps);
+    let report = Report::new(&Run {
+        dimension: log.dimension,
+        tracker: provenance.tracker,
+        model: "gp",
+        grasps: &grasps,
+        estimate: Some(&reconstruction.geometry),
+        truth,
+        seconds: &seconds,
+    });
+    let summary = summarise(provenance.title, &report, &grasps, &reconstruction, truth);
+    let times = log.grasps.iter().map(|g| g.time.unwrap_or(g.index as f64)).collect();
+    Ok(Outcome { report, reconstruction, steps, summary, times })
+}
+
+/// Log and poses side by side. A grasp is lost when it had contacts and yet corrected nothing; the
+/// first has nothing to correct, and poses from the log need no correction.
+fn judged(log: &GraspLog, steps: &[Step]) -> Vec<JudgedGrasp> {
+    let mut started = false;
+    log.grasps
+        .iter()
+        .zip(steps)
+        .map(|(grasp, step)| {
+            let tracked = step.effective_particles > 0.0;
+            let lost = started && tracked && !grasp.contacts.is_empty() && !step.corrected;
+            started |= !grasp.contacts.is_empty();
+            JudgedGrasp {
+                index: grasp.index,
+                estimate: step.pose,
+                truth: grasp.truth,
+                contacts: grasp.contacts.iter().map(|c| c.point).collect(),
+                lost,
+            }
+        })
+        .collect()
+}
+
+/// The picture's content: in the true object frame where that is known, else in the estimated one.
+fn summarise(
+    title: &str,
+    report: &Report,
+    grasps: &[JudgedGrasp],
+    reconstruction: &Reconstruction,
+    truth: Option<&Geometry>,
+) -> Summary {
+    let gauge = gauge(grasps);
+    let shown = match gauge {
+        Some(gauge) => reconstruction.transformed(&gauge.inverse()),
+        None => reconstruction.clone(),
+    };
+    let figure = |name: &str, value: Option<f64>, unit: &str| {
+        value.map(|v| (name.to_owned(), format!("{v:.2} {unit}")))
+    };
+    let figures = [
+        Some(("grasps".to_owned(), report.grasps.to_string())),
+        Some(("contacts".to_owned(), report.contacts.to_string())),
+        figure("Hausdorff (aligned)", report.surface.hausdorff_aligned_mm, "mm"),
+        figure("mean distance", report.surface.mean_mm, "mm"),
+        figure("pose rms", report.pose.rms_translation_mm, "mm"),
+        figure("rotation rms", report.pose.rms_rotation_deg, "°"),
+        figure("contacts to surface", report.contact_rms_mm, "mm"),
+    ];
+    Summary {
+        title: title.to_owned(),
+        figures: figures.into_iter().flatten().collect(),
+        truth: gauge.and(truth.cloned()),
+        estimate: shown.geometry,
+        deviations: shown.deviations,
+        contacts: shown
+            .contacts
+            .iter()
+            .map(|p| (p.contact.point, p.contact.normal, p.grasp))
+            .collect(),
+        pose_errors: gauge.map(|gauge| {
+            let errors = pose_errors(grasps, &gauge);
+            errors.iter().map(|e| (e.translation_mm, e.rotation_deg)).collect()
+        }),
+    }
+}
+
+/// A file could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// Report, trajectory, picture or folder.
+    #[error("{}: cannot write: {source}", path.display())]
+    Io {
+        /// Which.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The shape.
+    #[error(transparent)]
+    Shape(#[from] FileError),
+}
+
+impl WriteError {
+    fn at(path: &Path) -> impl FnOnce(io::Error) -> WriteError + use<> {
+        let path = path.to_owned();
+        move |source| WriteError::Io { path, source }
+    }
+}
+
+impl Outcome {
+    /// Writes `report.json`, `contour.csv` or `shape.ply`, `trajectory.tum` and `summary.png` into
+    /// `folder`, which is made if need be. Everything is computed before the first file appears, and
+    /// each file appears whole.
+    ///
+    /// # Errors
+    /// Names the file that could not be written.
+    pub fn write(&self, folder: &Path) -> Result<(), WriteError> {
+        let picture = summary::render(&self.summary)
+            .map_err(|e| WriteError::at(&folder.join("summary.png"))(io::Error::other(e)))?;
+        std::fs::create_dir_all(folder).map_err(WriteError::at(folder))?;
+
+        let shape = folder.join(match self.reconstruction.geometry {
+            Geometry::Outline(_) => "contour.csv",
+            Geometry::Mesh(_) => "shape.ply",
+        });
+        match &self.reconstruction.geometry {
+            Geometry::Outline(o) => {
+                files::write_contour(&shape, o, Some(&self.reconstruction.deviations))
+            }
+            Geometry::Mesh(m) => {
+                files::write_ply(&shape, m, None, Some(&self.reconstruction.deviations))
+            }
+        }?;
+
+        let path = folder.join("trajectory.tum");
+        let poses: Vec<_> = self.steps.iter().map(|s| s.pose).collect();
+        trajectory::write_tum(&path, &self.times, &poses).map_err(WriteError::at(&path))?;
+        let path = folder.join("summary.png");
+        crate::log::write::write_atomically(&path, |out| out.write_all(&picture))
+            .map_err(WriteError::at(&path))?;
+        // Last, so that a report means that everything is there.
+        let path = folder.join("report.json");
+        self.report.write(&path).map_err(WriteError::at(&path))
+    }
+}

@@ -1,0 +1,185 @@
+//! From contacts at known poses to a surface: the dense Gaussian process, its hyper-parameters by
+//! marginal likelihood, and the outline or mesh of its zero set.
+
+use nalgebra::{Matrix6, Vector6};
+
+use crate::log::GraspLog;
+use crate::reference::gpis::Error as SurfaceError;
+use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
+use crate::shape::lattice::LatticeError;
+use crate::shape::{Geometry, contour, surface};
+use crate::slam::deviations;
+use crate::slam::track::Step;
+use crate::space::{Point, Pose};
+
+/// A contact in the object frame, as the surface was fitted to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placed {
+    /// Position, normal and deviations, the doubt about the pose included.
+    pub contact: Contact,
+    /// Position in the log of the grasp that felt it.
+    pub grasp: usize,
+}
+
+/// A reconstructed object.
+#[derive(Clone, Debug)]
+pub struct Reconstruction {
+    /// Outline or mesh of the touched part of the zero set, object frame.
+    pub geometry: Geometry,
+    /// Standard deviation along the normal at each of its vertices, metres.
+    pub deviations: Vec<f64>,
+    /// The contacts it was made of.
+    pub contacts: Vec<Placed>,
+    /// The kernel that explained them best.
+    pub kernel: Kernel,
+}
+
+/// Why there is no reconstruction.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// Not one contact in the log.
+    #[error("no contacts: there is nothing to reconstruct")]
+    NoContacts,
+    /// The Gaussian process cannot be fitted.
+    #[error("surface: {0}")]
+    Surface(#[from] SurfaceError),
+    /// The contacts span no usable volume.
+    #[error("surface extraction: {0}")]
+    Lattice(#[from] LatticeError),
+}
+
+/// Lattice cells across the contacts' bounding box: a millimetre on a 120 mm outline, three on a
+/// mesh.
+const PLANAR_CELLS: f64 = 120.0;
+const SPATIAL_CELLS: f64 = 40.0;
+
+/// Contacts that decide the hyper-parameters at most; the fit itself uses all.
+const DECIDING: usize = 150;
+
+/// Places every contact of the log by the steps' poses and reconstructs the object.
+///
+/// # Errors
+/// Without contacts, or when they are too many or too coincident for a dense surface.
+pub fn reconstruct(log: &GraspLog, steps: &[Step]) -> Result<Reconstruction, Error> {
+    let placed = place(log, steps);
+    let contacts: Vec<Contact> = placed.iter().map(|p| p.contact).collect();
+    let gpis = fit(log.dimension, &contacts)?;
+    let (geometry, deviations) = extract(log.dimension, &gpis.1, &contacts)?;
+    Ok(Reconstruction { geometry, deviations, contacts: placed, kernel: gpis.0 })
+}
+
+/// The log's contacts in the object frame. The doubt about a pose along a contact's normal, and
+/// about its rotation, goes into the contact's deviations, as the core's tracker has it.
+pub fn place(log: &GraspLog, steps: &[Step]) -> Vec<Placed> {
+    let mut placed = Vec::new();
+    for (grasp, (logged, step)) in log.grasps.iter().zip(steps).enumerate() {
+        for c in &logged.contacts {
+            let (point_deviation, normal_deviation) = deviations(c, &log.noise);
+            let world =
+                Contact { point: c.point, normal: c.normal, point_deviation, normal_deviation };
+            let contact = doubt(world.transformed(&step.pose.inverse()), &step.covariance);
+            placed.push(Placed { contact, grasp });
+        }
+    }
+    placed
+}
+
+/// The contact with the uncertainty of its pose added.
+fn doubt(contact: Contact, covariance: &Matrix6<f64>) -> Contact {
+    let Some(n) = contact.normal else { return contact };
+    let m = contact.point.cross(&n);
+    let h = Vector6::new(n.x, n.y, n.z, m.x, m.y, m.z);
+    let along = (h.transpose() * covariance * h)[0].max(0.0);
+    // A planar pose turns about one axis only.
+    let turns: Vec<f64> = (3..6).map(|i| covariance[(i, i)]).filter(|v| *v > 0.0).collect();
+    let turn = turns.iter().sum::<f64>() / turns.len().max(1) as f64;
+    Contact {
+        point_deviation: (contact.point_deviation.powi(2) + along).sqrt(),
+        normal_deviation: (contact.normal_deviation.powi(2) + turn).sqrt(),
+        ..contact
+    }
+}
+
+/// The Matérn-3/2 surface about a fitted ball whose lengthscale and amplitude, multiples of the
+/// ball's radius, have the greatest marginal likelihood.
+///
+/// # Errors
+/// As [`reconstruct`].
+pub fn fit(dimension: usize, contacts: &[Contact]) -> Result<(Kernel, Gpis), Error> {
+    let Some(prior) = Prior::about(contacts.iter().map(|c| c.point)) else {
+        return Err(Error::NoContacts);
+    };
+    let radius = match prior {
+        Prior::Ball { radius, .. } => radius,
+        Prior::Constant(_) => Prior::LEAST_RADIUS,
+    };
+    let stride = contacts.len().div_ceil(DECIDING);
+    let deciding: Vec<Contact> = contacts.iter().step_by(stride).copied().collect();
+    let mut best: Option<(f64, Kernel)> = None;
+    for lengthscale in [1.0, 2.0, 4.0] {
+        for amplitude in [0.2, 0.6, 2.0] {
+            let kernel = Kernel::Matern32 {
+                amplitude: amplitude * radius,
+                lengthscale: lengthscale * radius,
+            };
+            let gpis = Gpis::fit(dimension, kernel, prior, Training::Derivative, &deciding)?;
+            let likelihood = gpis.log_marginal_likelihood();
+            if best.is_none_or(|(most, _)| likelihood > most) {
+                best = Some((likelihood, kernel));
+            }
+        }
+    }
+    let Some((_, kernel)) = best else { return Err(Error::NoContacts) };
+    Ok((kernel, Gpis::fit(dimension, kernel, prior, Training::Derivative, contacts)?))
+}
+
+/// The touched part of the zero set, in a box about the contacts that grows until it holds it.
+fn extract(
+    dimension: usize,
+    gpis: &Gpis,
+    contacts: &[Contact],
+) -> Result<(Geometry, Vec<f64>), Error> {
+    let points: Vec<Point> = contacts.iter().map(|c| c.point).collect();
+    let Some(&first) = points.first() else { return Err(Error::NoContacts) };
+    let low = points.iter().fold(first, |low, p| low.inf(p));
+    let high = points.iter().fold(first, |high, p| high.sup(p));
+    let size = (high - low).amax().max(0.01);
+    let cells = if dimension == 2 { PLANAR_CELLS } else { SPATIAL_CELLS };
+    let mut margin = 0.3 * size;
+    loop {
+        let reach = Point::repeat(margin);
+        let bounds = (low - reach, high + reach);
+        let spacing = size / cells;
+        let last = margin > size;
+        if dimension == 2 {
+            let contour = contour::extract(gpis, bounds, spacing)?;
+            if last || !contour.clipped {
+                let contour = contour.touched(&points);
+                return Ok((Geometry::Outline(contour.outline), contour.deviations));
+            }
+        } else {
+            let surface = surface::extract(gpis, bounds, spacing)?;
+            if last || !surface.clipped {
+                let surface = surface.touched(&points);
+                return Ok((Geometry::Mesh(surface.mesh), surface.deviations));
+            }
+        }
+        margin *= 2.0;
+    }
+}
+
+impl Reconstruction {
+    /// Everything in another frame.
+    pub fn transformed(&self, pose: &Pose) -> Reconstruction {
+        Reconstruction {
+            geometry: self.geometry.transformed(pose),
+            deviations: self.deviations.clone(),
+            contacts: self
+                .contacts
+                .iter()
+                .map(|p| Placed { contact: p.contact.transformed(pose), ..*p })
+                .collect(),
+            kernel: self.kernel,
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! From a grasp log to poses: the core's tracker in double the comfort of a desktop.
+
+use nalgebra::Matrix6;
+use tactile_core::contact::{Contact, FreePoint, GraspView};
+use tactile_core::matrix::Square;
+use tactile_core::space::{Planar, Spatial};
+use tactile_core::surface::cholesky::packed;
+use tactile_core::surface::{Ball, Gpis, Matern32, Prior, Training};
+use tactile_core::track::{Bootstrap, Estimate, MotionNoise, Settings, Tracker};
+
+use crate::log::{GraspLog, LoggedGrasp, Noise};
+use crate::slam::deviations;
+use crate::space::{Bridge, Pose};
+
+/// Contacts the host's tracker keeps before it lets the redundant go.
+const CONTACTS: usize = 128;
+
+/// Particles of the host's planar filter: what the thesis needed (figure 3.14).
+const PLANAR_PARTICLES: usize = 10_000;
+
+/// Particles of the host's spatial filter: what the thesis used (3.4).
+const SPATIAL_PARTICLES: usize = 20_000;
+
+/// The surface a tracker follows: Matérn-3/2 about a fitted ball.
+pub const KERNEL: Matern32 = Matern32 { amplitude: 0.03, lengthscale: 0.1 };
+
+type PlanarMap = Gpis<Planar, Matern32, Ball<Planar>, CONTACTS, { 3 * CONTACTS }, { packed(3 * CONTACTS) }>;
+type SpatialMap =
+    Gpis<Spatial, Matern32, Ball<Spatial>, CONTACTS, { 4 * CONTACTS }, { packed(4 * CONTACTS) }>;
+
+/// What is known of the object after one grasp.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Step {
+    /// Object to world.
+    pub pose: Pose,
+    /// Covariance of the pose in tangent coordinates (object axes): translation, then rotation;
+    /// zero for poses taken from the log. Planar poses fill x, y and the rotation about z.
+    pub covariance: Matrix6<f64>,
+    /// Effective number of particles; 0 for poses taken from the log.
+    pub effective_particles: f64,
+    /// Whether the grasp corrected the pose; false for the first grasp and for one that did not fit
+    /// the shape anywhere.
+    pub corrected: bool,
+    /// Number of directions of the pose that the grasp can see.
+    pub observed: usize,
+    /// Contacts that were used, refused for bad numbers, and let go by the bounded map.
+    pub contacts: [usize; 3],
+}
+
+impl Step {
+    /// A pose known without doubt.
+    pub fn certain(pose: Pose) -> Self {
+        Step {
+            pose,
+            covariance: Matrix6::zeros(),
+            effective_particles: 0.0,
+            corrected: false,
+            observed: 0,
+            contacts: [0; 3],
+        }
+    }
+
+    /// From what the core reports.
+    pub fn from_estimate<S: Bridge>(estimate: &Estimate<S>) -> Self {
+        let axes: &[usize] = if S::DIMENSION == 2 { &[0, 1, 5] } else { &[0, 1, 2, 3, 4, 5] };
+        let mut covariance = Matrix6::zeros();
+        for (i, &row) in axes.iter().enumerate() {
+            for (j, &column) in axes.iter().enumerate() {
+                covariance[(row, column)] = f64::from(estimate.covariance.at(i, j));
+            }
+        }
+        Step {
+            pose: S::isometry(&estimate.pose),
+            covariance,
+            effective_particles: f64::from(estimate.effective_particles),
+            corrected: estimate.corrected,
+            observed: estimate.observability.rank(),
+            contacts: [estimate.contacts, estimate.rejected, estimate.dropped].map(usize::from),
+        }
+    }
+}
+
+/// The log has no true pose where one was asked for.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("grasp {grasp}: truth.pose is missing; true poses were asked for")]
+pub struct NoTruth {
+    /// The grasp's number in the log.
+    pub grasp: u64,
+}
+
+/// The log's own true poses, one step per grasp.
+///
+/// # Errors
+/// When a grasp has none.
+pub fn truth(log: &GraspLog) -> Result<Vec<Step>, NoTruth> {
+    log.grasps
+        .iter()
+        .map(|g| g.truth.map(Step::certain).ok_or(NoTruth { grasp: g.index }))
+        .collect()
+}
+
+/// Follows the object through the log with the bootstrap filter (thesis 3.3.1, corrected): one step
+/// per grasp, the same for the same seed on every machine.
+pub fn bootstrap(log: &GraspLog, settings: &Settings) -> Vec<Step> {
+    if log.dimension == 2 {
+        let mut tracker =
+            Box::new(Bootstrap::<Planar, PlanarMap, PLANAR_PARTICLES>::new(PlanarMap::new()));
+        tracker.map_mut().configure(KERNEL, Ball::UNSET, Training::Normals);
+        tracker.configure(*settings);
+        follow(&mut *tracker, log)
+    } else {
+        let mut tracker =
+            Box::new(Bootstrap::<Spatial, SpatialMap, SPATIAL_PARTICLES>::new(SpatialMap::new()));
+        tracker.map_mut().configure(KERNEL, Ball::UNSET, Training::Normals);
+        tracker.configure(*settings);
+        follow(&mut *tracker, log)
+    }
+}
+
+/// The filter's settings for a log: its motion noise where it says, else the thesis' 100 %, and no
+/// less than 0.1 mm and 0.05° so that the particles differ.
+pub fn settings(log: &GraspLog, seed: u64) -> Settings {
+    let thesis = MotionNoise::THESIS;
+    let motion = MotionNoise {
+        translation: log.noise.translation.map_or(thesis.translation, |t| t.max(1e-4) as f32),
+        rotation: log.noise.rotation.map_or(thesis.rotation, |r| r.max(1e-3) as f32),
+    };
+    Settings { motion, seed, ..Settings::DEFAULT }
+}
+
+/// Feeds a log through any tracker.
+pub fn follow<S: Bridge>(tracker: &mut impl Tracker<S>, log: &GraspLog) -> Vec<Step> {
+    log.grasps
+        .iter()
+        .map(|grasp| {
+            let motion = grasp.motion.as_ref().map(S::pose);
+            let contacts = contacts::<S>(grasp, &log.noise);
+            let free = free_points::<S>(grasp);
+            let view = GraspView { contacts: &contacts, free: &free };
+            Step::from_estimate(&tracker.update(motion.as_ref(), view))
+        })
+        .collect()
+}
+
+/// The contacts of a grasp as the core takes them.
+pub fn contacts<S: Bridge>(grasp: &LoggedGrasp, noise: &Noise) -> Vec<Contact<S>> {
+    grasp
+        .contacts
+        .iter()
+        .map(|c| {
+            let (point, normal) = deviations(c, noise);
+            Contact {
+                point: S::vector(&c.point),
+                normal: c.normal.as_ref().map(S::vector),
+                point_deviation: point as f32,
+                normal_deviation: normal as f32,
+                finger: c.finger.map_or(u8::MAX, |f| f.min(254) as u8),
+            }
+        })
+        .collect()
+}
+
+/// The free fingertips of a grasp as the core takes them.
+pub fn free_points<S: Bridge>(grasp: &LoggedGrasp) -> Vec<FreePoint<S>> {
+    grasp
+        .free
+        .iter()
+        .map(|f| FreePoint {
+            point: S::vector(&f.point),
+            finger: f.finger.map_or(u8::MAX, |f| f.min(254) as u8),
+        })
+        .collect()
+}
