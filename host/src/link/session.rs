@@ -9,6 +9,7 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use tactile_core::contact::{Contact, FreePoint};
+use tactile_core::track::{MotionNoise, Observability};
 use tactile_core::wire::{
     Clock, Command, ContactFrame, Counters, Decoder, EstimateFrame, Frame, FrameError, FreeFrame,
     Health, Hello, MAX_FRAME, MotionFrame, PROTOCOL, Refusal, Report, Settings, Topic, WireSpace,
@@ -16,7 +17,9 @@ use tactile_core::wire::{
 };
 
 use super::Link;
-use crate::log::{GraspLog, LoggedGrasp};
+use crate::log::GraspLog;
+use crate::slam::track::{self, Step, six_by_six};
+use crate::slam::usual_deviations;
 use crate::space::{Bridge, Pose};
 
 /// How long to wait before a command is sent again, and how often.
@@ -133,6 +136,25 @@ impl<S: Bridge + WireSpace> LogOutcome<S> {
     pub fn poses(&self) -> Vec<Pose> {
         // Sessions refuse estimates that are not finite.
         self.grasps.iter().filter_map(|g| g.estimate.pose()).map(|p| S::isometry(&p)).collect()
+    }
+
+    /// The estimates as [`crate::slam`] takes them.
+    pub fn steps(&self) -> Vec<Step> {
+        let step = |(grasp, pose): (&GraspOutcome<S>, Pose)| {
+            let estimate = &grasp.estimate;
+            let seen = estimate.eigenvalues();
+            Step {
+                pose,
+                covariance: six_by_six::<S>(&estimate.covariance()),
+                effective_particles: estimate.effective_particles.into(),
+                corrected: estimate.corrected(),
+                observed: (0..S::FREEDOM)
+                    .filter(|&i| seen[i] > Observability::<S>::THRESHOLD)
+                    .count(),
+                contacts: [estimate.contacts, estimate.rejected, estimate.dropped].map(usize::from),
+            }
+        };
+        self.grasps.iter().zip(self.poses()).map(step).collect()
     }
 }
 
@@ -397,7 +419,8 @@ impl<S: Bridge + WireSpace, L: Link> Session<S, L> {
         let mut grasps = Vec::with_capacity(log.grasps.len());
         for (number, grasp) in log.grasps.iter().enumerate() {
             let motion = grasp.motion.as_ref().map(S::pose);
-            let (contacts, free) = to_core::<S>(grasp, &settings);
+            let contacts = track::contacts::<S>(grasp, &log.noise);
+            let free = track::free_points::<S>(grasp);
             let outcome = self.grasp(motion.as_ref(), &contacts, &free)?;
             each(number, &outcome);
             grasps.push(outcome);
@@ -407,41 +430,9 @@ impl<S: Bridge + WireSpace, L: Link> Session<S, L> {
     }
 }
 
-/// The contacts and free points of a logged grasp with the deviations of `settings` where the log
-/// has none of its own.
-fn to_core<S: Bridge>(
-    grasp: &LoggedGrasp,
-    settings: &Settings,
-) -> (Vec<Contact<S>>, Vec<FreePoint<S>>) {
-    let finger = |f: Option<usize>| f.unwrap_or(0).min(255) as u8;
-    let contacts = grasp
-        .contacts
-        .iter()
-        .map(|c| Contact {
-            point: S::vector(&c.point),
-            normal: c.normal.as_ref().map(S::vector),
-            point_deviation: settings.point,
-            normal_deviation: c.normal_noise.map_or(settings.normal, |n| n as f32),
-            finger: finger(c.finger),
-        })
-        .collect();
-    let free = grasp
-        .free
-        .iter()
-        .map(|f| FreePoint { point: S::vector(&f.point), finger: finger(f.finger) })
-        .collect();
-    (contacts, free)
-}
-
-/// The board's settings for a log: its noise where it says, the thesis' where it does not.
+/// The board's settings for a log: the noise that [`crate::slam`] assumes of it.
 pub fn settings_for(log: &GraspLog, seed: u64) -> Settings {
-    let usual = Settings::DEFAULT;
-    let or = |value: Option<f64>, usual: f32| value.map_or(usual, |v| v as f32);
-    Settings {
-        point: or(log.noise.point, usual.point),
-        normal: or(log.noise.normal, usual.normal),
-        translation: or(log.noise.translation, usual.translation),
-        rotation: or(log.noise.rotation, usual.rotation),
-        seed,
-    }
+    let MotionNoise { translation, rotation } = track::settings(log, seed).motion;
+    let (point, normal) = usual_deviations(&log.noise);
+    Settings { point: point as f32, normal: normal as f32, translation, rotation, seed }
 }
