@@ -34,6 +34,7 @@ impl Registers {
     }
 
     /// Clears the bits of `clear`, then sets those of `set`.
+    #[cfg(feature = "stm32f405")]
     #[inline(always)]
     pub fn change(self, offset: usize, clear: u32, set: u32) {
         self.write(offset, (self.read(offset) & !clear) | set);
@@ -41,6 +42,7 @@ impl Registers {
 
     /// Whether all bits of `mask` become 1 within `tries` readings. Never waits for ever: an
     /// emulator's clock control, or a missing crystal, never answers.
+    #[cfg(feature = "stm32f405")]
     pub fn becomes(self, offset: usize, mask: u32, tries: u32) -> bool {
         (0..tries).any(|_| self.read(offset) & mask == mask)
     }

@@ -10,6 +10,7 @@ const TARGET: &str = "thumbv7em-none-eabihf";
 /// Debian's toolchain, beside which rustup's may also exist.
 const DEBIAN_CARGO: &str = "/usr/bin/cargo";
 const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
+const DEBIAN_CLIPPY: &str = "/usr/bin/cargo-clippy";
 const DEBIAN_LLD: &str = "/usr/bin/ld.lld";
 const DEBIAN_SOURCES: &str = "/usr/lib/rustlib/src/rust/library/core/Cargo.toml";
 
@@ -30,7 +31,7 @@ pub enum FirmwareError {
     )]
     NoWorkspace(PathBuf),
     /// The compiler refused.
-    #[error("building {image} for {machine} failed:\n{log}")]
+    #[error("compiling {image} for {machine} failed:\n{log}")]
     Build {
         /// Which image.
         image: String,
@@ -154,9 +155,12 @@ impl Toolchain {
         }
     }
 
-    fn command(self) -> Command {
+    /// Cargo, or clippy in cargo's place, without the first argument.
+    fn command(self, clippy: bool) -> Command {
         let mut command = Command::new(match self {
             Toolchain::Rustup => "cargo",
+            // By its path: rustup's proxy of the same name would otherwise be found first.
+            Toolchain::Debian if clippy => DEBIAN_CLIPPY,
             Toolchain::Debian => DEBIAN_CARGO,
         });
         // What an outer cargo has set would reach the inner one: its flags replace the linker
@@ -173,6 +177,7 @@ impl Toolchain {
         }
         if self == Toolchain::Debian {
             command
+                .env("CARGO", DEBIAN_CARGO)
                 .env("RUSTC", DEBIAN_RUSTC)
                 .env("RUSTC_BOOTSTRAP", "1")
                 .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", DEBIAN_LLD);
@@ -187,49 +192,109 @@ impl Toolchain {
 /// # Errors
 /// When compiler or sources are missing, or the compiler refuses.
 pub fn build(image: &str, machine: Machine) -> Result<PathBuf, FirmwareError> {
-    let root = workspace()?;
-    let toolchain = Toolchain::find()?;
-    let target = match env::var_os("CARGO_TARGET_DIR") {
-        Some(directory) => PathBuf::from(directory),
-        None => root.join("target"),
-    };
-    let target = std::path::absolute(target.join("firmware"))
-        .map_err(FirmwareError::io("find the target folder"))?;
-    let images = target.join("images");
+    let workshop = Workshop::open()?;
+    let mut command = workshop.toolchain.command(false);
+    command.args(["build", "--package", "tactile-firmware", "--bin", image]);
+    command.args(["--profile", "firmware"]);
+    let features = if image == "bench" { "semihosting" } else { "" };
+    workshop.run(command, image, machine, features, &[])?;
+
+    let images = workshop.target.join("images");
     let describe = |path: &Path| format!("write {}", path.display());
     fs::create_dir_all(&images).map_err(FirmwareError::io(describe(&images)))?;
-    let lock_path = target.join("build.lock");
-    let lock = File::create(&lock_path).map_err(FirmwareError::io(describe(&lock_path)))?;
-    lock.lock().map_err(FirmwareError::io(describe(&lock_path)))?;
-
-    let mut command = toolchain.command();
-    command.current_dir(&root).args(["build", "--package", "tactile-firmware", "--bin", image]);
-    command.args(["--profile", "firmware", "--target", TARGET, "--no-default-features"]);
-    command.args(["--features", machine.feature()]).arg("--target-dir").arg(&target);
-    if image == "bench" {
-        command.args(["--features", "semihosting"]);
-    }
-    if toolchain == Toolchain::Debian {
-        command.arg("-Zbuild-std=core");
-    }
-    let output = command.output().map_err(FirmwareError::io("start cargo"))?;
-    if !output.status.success() {
-        let log = String::from_utf8_lossy(&output.stderr);
-        let lines: Vec<&str> = log.lines().collect();
-        let last = lines.get(lines.len().saturating_sub(30)..).unwrap_or(&[]).join("\n");
-        return Err(FirmwareError::Build {
-            image: image.into(),
-            machine: machine.feature(),
-            log: last,
-        });
-    }
-    let built = target.join(TARGET).join("firmware").join(image);
+    let built = workshop.target.join(TARGET).join("firmware").join(image);
     let elf = images.join(format!("{image}-{}.elf", machine.feature()));
     let fresh = images.join(format!("{image}-{}.new", machine.feature()));
     fs::copy(&built, &fresh)
         .and_then(|_| fs::rename(&fresh, &elf))
         .map_err(FirmwareError::io(describe(&elf)))?;
     Ok(elf)
+}
+
+/// Checks core and firmware with clippy for the board's target; warnings are errors.
+///
+/// # Errors
+/// When compiler, clippy or sources are missing, or clippy finds something.
+pub fn clippy(machine: Machine) -> Result<(), FirmwareError> {
+    let workshop = Workshop::open()?;
+    if workshop.toolchain == Toolchain::Debian && !Path::new(DEBIAN_CLIPPY).exists() {
+        return Err(FirmwareError::Missing {
+            what: "clippy for Debian's compiler",
+            remedy: "`apt-get install rust-web-clippy`",
+        });
+    }
+    let mut command = workshop.toolchain.command(true);
+    command.args(["clippy", "--package", "tactile-core", "--package", "tactile-firmware"]);
+    // `bench` counts instructions, which only one board can.
+    let parts: &[&str] = match machine {
+        Machine::Stm32f405 => &["--lib", "--bin", "planar", "--bin", "spatial"],
+        Machine::Mps2An386 => &["--lib", "--bins"],
+    };
+    command.args(parts);
+    let features = match machine {
+        Machine::Stm32f405 => "",
+        Machine::Mps2An386 => "semihosting",
+    };
+    workshop.run(command, "all images", machine, features, &["--", "-D", "warnings"])
+}
+
+/// Sources, compiler and target folder, locked while in use.
+struct Workshop {
+    root: PathBuf,
+    target: PathBuf,
+    toolchain: Toolchain,
+    _lock: File,
+}
+
+impl Workshop {
+    fn open() -> Result<Self, FirmwareError> {
+        let root = workspace()?;
+        let toolchain = Toolchain::find()?;
+        let target = match env::var_os("CARGO_TARGET_DIR") {
+            Some(directory) => PathBuf::from(directory),
+            None => root.join("target"),
+        };
+        let target = std::path::absolute(target.join("firmware"))
+            .map_err(FirmwareError::io("find the target folder"))?;
+        let path = target.join("build.lock");
+        let lock = fs::create_dir_all(&target)
+            .and_then(|()| File::create(&path))
+            .and_then(|file| file.lock().map(|()| file))
+            .map_err(FirmwareError::io(format!("write {}", path.display())))?;
+        Ok(Workshop { root, target, toolchain, _lock: lock })
+    }
+
+    /// Adds what every command needs and runs it.
+    fn run(
+        &self,
+        mut command: Command,
+        image: &str,
+        machine: Machine,
+        features: &str,
+        last: &[&str],
+    ) -> Result<(), FirmwareError> {
+        command.current_dir(&self.root).args(["--target", TARGET, "--no-default-features"]);
+        let board = machine.feature();
+        let features = format!(
+            "tactile-firmware/{board}{}",
+            match features {
+                "" => String::new(),
+                more => format!(",tactile-firmware/{more}"),
+            }
+        );
+        command.arg("--features").arg(features).arg("--target-dir").arg(&self.target);
+        if self.toolchain == Toolchain::Debian {
+            command.arg("-Zbuild-std=core");
+        }
+        let output = command.args(last).output().map_err(FirmwareError::io("start cargo"))?;
+        if output.status.success() {
+            return Ok(());
+        }
+        let log = String::from_utf8_lossy(&output.stderr);
+        let lines: Vec<&str> = log.lines().collect();
+        let log = lines.get(lines.len().saturating_sub(60)..).unwrap_or(&[]).join("\n");
+        Err(FirmwareError::Build { image: image.into(), machine: board, log })
+    }
 }
 
 /// What an image occupies.

@@ -12,7 +12,7 @@ use tactile_core::wire::{
 
 use super::recording::{Direction, Recording};
 use super::{GraspLog, LoggedContact, LoggedFree, LoggedGrasp, Noise};
-use crate::space::{self, Bridge, Pose};
+use crate::space::{self, Bridge, Point, Pose};
 
 /// A recording, understood.
 #[derive(Clone, Debug, PartialEq)]
@@ -73,6 +73,15 @@ struct Collector<S: WireSpace> {
     settings: Settings,
     grasp: LoggedGrasp,
     estimate: Option<EstimateFrame<S>>,
+}
+
+/// The number with the fewest digits that is still this `f32`, so that 0.001 stays 0.001.
+fn shortest(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(value.into())
+}
+
+fn shortest_point<S: Bridge>(vector: &S::Vector) -> Point {
+    S::point(vector).map(|v| shortest(v as f32))
 }
 
 fn empty_grasp(index: u64) -> LoggedGrasp {
@@ -158,10 +167,10 @@ impl<S: Bridge + WireSpace> Collector<S> {
             Command::Configure(settings) => {
                 self.settings = settings;
                 self.replayed.log.noise = Noise {
-                    point: Some(settings.point.into()),
-                    normal: Some(settings.normal.into()),
-                    translation: Some(settings.translation.into()),
-                    rotation: Some(settings.rotation.into()),
+                    point: Some(shortest(settings.point)),
+                    normal: Some(shortest(settings.normal)),
+                    translation: Some(shortest(settings.translation)),
+                    rotation: Some(shortest(settings.rotation)),
                 };
                 self.forget();
             }
@@ -174,9 +183,9 @@ impl<S: Bridge + WireSpace> Collector<S> {
                 let own = contact.normal_deviation != self.settings.normal;
                 self.grasp.contacts.push(LoggedContact {
                     finger: self.finger(contact.finger),
-                    point: S::point(&contact.point),
-                    normal: contact.normal.map(|n| S::point(&n)),
-                    normal_noise: own.then_some(contact.normal_deviation.into()),
+                    point: shortest_point::<S>(&contact.point),
+                    normal: contact.normal.map(|n| shortest_point::<S>(&n)),
+                    normal_noise: own.then_some(shortest(contact.normal_deviation)),
                     force: None,
                     unknown: Map::new(),
                 });
@@ -186,7 +195,7 @@ impl<S: Bridge + WireSpace> Collector<S> {
                 let finger = self.finger(free.finger);
                 self.grasp.free.push(LoggedFree {
                     finger,
-                    point: S::point(&free.point),
+                    point: shortest_point::<S>(&free.point),
                     unknown: Map::new(),
                 });
             }

@@ -1,4 +1,4 @@
-//! `cargo fw build|run|count|size BIN [--board stm32f405|mps2-an386]`: firmware with whatever toolchain
+//! `cargo fw build|run|count|size BIN [--board stm32f405|mps2-an386]` and `cargo fw clippy`: firmware with whatever toolchain
 //! there is, in QEMU, always under a time limit.
 //!
 //! Exit codes: 0 done, 1 failed, 2 wrong usage, 77 something has to be installed first (1 when
@@ -15,6 +15,8 @@ use tactile_host::link::{Patience, Session};
 
 const USAGE: &str =
     "usage: cargo fw build|run|count|size planar|spatial|bench [--board stm32f405|mps2-an386]
+       cargo fw clippy
+  clippy check core and firmware for the target of every board
   build  compile the image and print its path
   run    start it in QEMU and ask who is there
   count  run `bench` in QEMU and print how many instructions the core takes
@@ -25,6 +27,7 @@ fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let (verb, image, board) = match words[..] {
+        ["clippy"] => return finish(clippy()),
         [verb, image] => (verb, image, None),
         [verb, image, "--board", board] => (verb, image, Some(board)),
         _ => return usage(),
@@ -35,13 +38,17 @@ fn main() -> ExitCode {
         ("planar" | "spatial", Some("mps2-an386")) => Machine::Mps2An386,
         _ => return usage(),
     };
-    let outcome = match (verb, image) {
+    finish(match (verb, image) {
         ("build", _) => build(image, machine),
         ("run" | "count", "bench") => count(image, machine, verb == "count"),
         ("run" | "size", "planar") => talk::<Planar>(image, machine, verb == "size"),
         ("run" | "size", "spatial") => talk::<Spatial>(image, machine, verb == "size"),
         _ => return usage(),
-    };
+    })
+}
+
+/// The exit code, and what went wrong.
+fn finish(outcome: Outcome) -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -58,6 +65,14 @@ type Outcome = Result<(), Box<dyn std::error::Error>>;
 fn usage() -> ExitCode {
     eprintln!("{USAGE}");
     ExitCode::from(2)
+}
+
+fn clippy() -> Outcome {
+    for machine in [Machine::Stm32f405, Machine::Mps2An386] {
+        firmware::clippy(machine)?;
+        println!("{}: nothing to complain about", machine.feature());
+    }
+    Ok(())
 }
 
 fn build(image: &str, machine: Machine) -> Outcome {
