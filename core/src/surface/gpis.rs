@@ -32,8 +32,11 @@ struct Site<S: Space> {
     point: S::Vector,
     /// Observed value, metres.
     value: f32,
-    /// Observed gradient; zero without one.
+    /// The contact's unit normal; zero without one.
     normal: S::Vector,
+    /// Whether there is a normal.
+    felt: bool,
+    /// Whether the normal is observed as a gradient.
     slope: bool,
     /// Sites after this one that belong to the same contact.
     followers: u8,
@@ -52,6 +55,7 @@ impl<S: Space> Site<S> {
         point: S::Vector::ZERO,
         value: 0.0,
         normal: S::Vector::ZERO,
+        felt: false,
         slope: false,
         followers: 0,
         row: 0,
@@ -302,11 +306,13 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     fn append_contact(&mut self, contact: &Contact<S>) -> Result<(), NotPositiveDefinite> {
         let value_noise = contact.point_deviation * contact.point_deviation;
         let slope_noise = contact.normal_deviation * contact.normal_deviation;
-        let surface = Site { point: contact.point, ..Site::UNSET };
+        let felt = contact.normal.is_some();
+        let normal = contact.normal.unwrap_or(S::Vector::ZERO);
+        let surface = Site { point: contact.point, normal, felt, ..Site::UNSET };
         match (contact.normal, self.training) {
             (None, _) => self.append(surface, value_noise, 0.0),
-            (Some(normal), Training::Normals) => {
-                self.append(Site { normal, slope: true, ..surface }, value_noise, slope_noise)
+            (Some(_), Training::Normals) => {
+                self.append(Site { slope: true, ..surface }, value_noise, slope_noise)
             }
             (Some(normal), Training::OffSurface(distance)) => {
                 let (sites, rows) = (self.count, self.factor.rows());
@@ -344,14 +350,10 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     }
 
     /// Indices of the first site of every contact.
-    fn leaders(&self) -> impl Iterator<Item = usize> + '_ {
-        let mut next = 0;
-        core::iter::from_fn(move || {
-            let leader = next;
-            let site = self.sites().get(leader)?;
-            next += 1 + usize::from(site.followers);
-            Some(leader)
-        })
+    fn leaders(&self) -> impl Iterator<Item = usize> + Clone + '_ {
+        let next =
+            |&leader: &usize| Some(leader + 1 + usize::from(self.sites().get(leader)?.followers));
+        core::iter::successors(Some(0), next).take_while(|&leader| leader < self.count)
     }
 
     /// Variance that remains of f at `point` when only the best single contact other than `except`
@@ -462,13 +464,10 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     }
 
     fn refit(&mut self) {
-        let mut points = [S::Vector::ZERO; SITES];
-        let mut contacts = 0;
-        for leader in self.leaders() {
-            points[contacts] = self.sites[leader].point;
-            contacts += 1;
-        }
-        self.prior = self.prior.fitted(&points[..contacts]);
+        self.prior = self.prior.fitted(self.leaders().map(|leader| {
+            let site = &self.sites[leader];
+            (site.point, site.felt.then_some(site.normal))
+        }));
         for site in &self.sites[..self.count] {
             let (mean, slope) = self.prior.mean(site.point);
             let row = usize::from(site.row);

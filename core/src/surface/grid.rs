@@ -1,13 +1,17 @@
 //! A surface baked on a regular grid: value, gradient and variance by multilinear interpolation, at
 //! a cost that does not depend on the number of contacts.
 
+use crate::math;
 use crate::matrix::Coordinates;
 use crate::space::Space;
 use crate::surface::{Probe, Surface};
 
+/// Added to a number in [0, 2²²), it leaves the nearest whole number in the lowest bits: 1.5·2²³.
+const ROUND: f32 = 12_582_912.0;
+
+/// What a node knows beside its value.
 #[derive(Clone, Copy, Debug)]
 struct Node<S: Space> {
-    value: f32,
     gradient: S::Vector,
     variance: f32,
     slope_variance: f32,
@@ -15,21 +19,43 @@ struct Node<S: Space> {
 }
 
 impl<S: Space> Node<S> {
-    const UNSET: Self = Node {
-        value: 0.0,
-        gradient: S::Vector::ZERO,
-        variance: 0.0,
-        slope_variance: 0.0,
-        nearest: 0.0,
-    };
+    const UNSET: Self =
+        Node { gradient: S::Vector::ZERO, variance: 0.0, slope_variance: 0.0, nearest: 0.0 };
+}
+
+/// Where a point lies between nodes.
+struct Cell<S: Space> {
+    /// Index of the lowest corner.
+    base: usize,
+    /// Position within the cell, 0 to 1 along each axis.
+    weights: S::Vector,
+    /// How far outside the cube, metres.
+    outside: f32,
+}
+
+impl<S: Space> Cell<S> {
+    /// Index relative to the lowest corner, and weight, of a corner; the lowest bit of its number
+    /// says whether it is up along the last axis.
+    #[inline(always)]
+    fn corner(&self, corner: usize, side: usize) -> (usize, f32) {
+        let mut weight = 1.0;
+        let mut offset = 0;
+        for axis in 0..S::DIMENSION {
+            let up = corner >> (S::DIMENSION - 1 - axis) & 1;
+            weight *= if up == 1 { self.weights[axis] } else { 1.0 - self.weights[axis] };
+            offset = offset * side + up;
+        }
+        (offset, weight)
+    }
 }
 
 /// At most `NODES` nodes on a cube of equal sides: ⌊√`NODES`⌋ (⌊∛`NODES`⌋) per axis.
 #[derive(Clone, Debug)]
 pub struct Grid<S: Space, const NODES: usize> {
+    /// Apart from the rest, so that what only needs values stays in the cache.
+    values: [f32; NODES],
     nodes: [Node<S>; NODES],
-    /// Nodes per axis; 0 before the first baking.
-    side: usize,
+    baked: bool,
     low: S::Vector,
     /// Distance between nodes, metres, and its inverse.
     spacing: f32,
@@ -52,13 +78,28 @@ impl<S: Space, const NODES: usize> Grid<S, NODES> {
     /// An empty grid, all zero bits.
     pub const fn new() -> Self {
         Grid {
+            values: [0.0; NODES],
             nodes: [Node::UNSET; NODES],
-            side: 0,
+            baked: false,
             low: S::Vector::ZERO,
             spacing: 0.0,
             inverse_spacing: 0.0,
         }
     }
+
+    /// Nodes per axis.
+    const SIDE: usize = Self::capacity();
+
+    /// From the lowest corner of a cell to one past its highest: a slice of this constant length
+    /// needs no further checks.
+    const WINDOW: usize = {
+        let (mut window, mut axis) = (1, 0);
+        while axis < S::DIMENSION {
+            window += power(Self::SIDE, axis);
+            axis += 1;
+        }
+        window
+    };
 
     /// Nodes per axis that `NODES` allows.
     pub const fn capacity() -> usize {
@@ -77,8 +118,8 @@ impl<S: Space, const NODES: usize> Grid<S, NODES> {
     /// Samples `surface` on the cube of half-width `reach` (metres) about `centre`. Grids of fewer
     /// than two nodes per axis stay empty.
     pub fn bake(&mut self, surface: &impl Surface<S>, centre: S::Vector, reach: f32) {
-        self.side = 0;
-        let side = Self::capacity();
+        self.baked = false;
+        let side = Self::SIDE;
         let good = reach > 0.0 && reach.is_finite() && centre.is_finite();
         if side < 2 || !good {
             return;
@@ -86,26 +127,74 @@ impl<S: Space, const NODES: usize> Grid<S, NODES> {
         self.low = centre - S::Vector::from_fn(|_| reach);
         self.spacing = 2.0 * reach / (side - 1) as f32;
         self.inverse_spacing = 1.0 / self.spacing;
-        for (index, node) in self.nodes[..power(side, S::DIMENSION)].iter_mut().enumerate() {
+        let nodes = self.values.iter_mut().zip(&mut self.nodes).take(power(side, S::DIMENSION));
+        for (index, (value, node)) in nodes.enumerate() {
             let probe = surface.probe(place::<S>(self.low, self.spacing, side, index, 0.0));
+            *value = probe.value;
             *node = Node {
-                value: probe.value,
                 gradient: probe.gradient,
                 variance: probe.variance,
                 slope_variance: probe.slope_variance,
                 nearest: probe.nearest,
             };
         }
-        self.side = side;
+        self.baked = true;
+    }
+
+    /// Value of the interpolation at each point, the same bits as [`probe`](Surface::probe) gives.
+    #[inline(always)]
+    pub fn values<const L: usize>(&self, points: &[S::Vector; L]) -> [f32; L] {
+        let mut f = [0.0; L];
+        if self.baked {
+            for (f, p) in f.iter_mut().zip(points) {
+                let cell = self.locate(*p);
+                if let Some(values) = self.values.get(cell.base..cell.base + Self::WINDOW) {
+                    for corner in 0..1usize << S::DIMENSION {
+                        let (index, weight) = cell.corner(corner, Self::SIDE);
+                        *f += weight * values.get(index).copied().unwrap_or(0.0);
+                    }
+                }
+                *f += cell.outside;
+            }
+        }
+        f
+    }
+
+    /// The cell of a point; there must be one.
+    #[inline(always)]
+    fn locate(&self, point: S::Vector) -> Cell<S> {
+        let last = (Self::SIDE - 1) as f32;
+        let mut cell = Cell::<S> { base: 0, weights: S::Vector::ZERO, outside: 0.0 };
+        let mut outside = S::Vector::ZERO;
+        for axis in 0..S::DIMENSION {
+            let c = (point[axis] - self.low[axis]) * self.inverse_spacing;
+            // NaN fails the comparison and ends in cell 0.
+            let inside = if c > 0.0 { c } else { 0.0 };
+            let inside = if inside < last { inside } else { last };
+            // The cell below, by adding a number so large that only whole ones have room beside it;
+            // on a node either neighbour will do.
+            let shifted = (inside - 0.5) + ROUND;
+            let shifted =
+                if shifted < ROUND + (last - 1.0) { shifted } else { ROUND + (last - 1.0) };
+            let below = shifted.to_bits().wrapping_sub(ROUND.to_bits()) as usize;
+            cell.base = cell.base * Self::SIDE + below;
+            cell.weights[axis] = inside - (shifted - ROUND);
+            outside[axis] = c - inside;
+        }
+        let square = outside.norm_squared();
+        if square > 0.0 {
+            cell.outside = math::sqrt(square) * self.spacing;
+        }
+        cell
     }
 
     /// The error against the surface the grid was baked from.
     pub fn error(&self, surface: &impl Surface<S>) -> BakeError {
         let mut error = BakeError::default();
-        if self.side < 2 {
+        if !self.baked {
             return error;
         }
-        let cells = self.side - 1;
+        let cells = Self::SIDE - 1;
         for index in 0..power(cells, S::DIMENSION) {
             let p = place::<S>(self.low, self.spacing, cells, index, 0.5);
             let (got, want) = (self.probe(p), surface.probe(p));
@@ -164,44 +253,29 @@ impl<S: Space, const NODES: usize> Surface<S> for Grid<S, NODES> {
             slope_variance: 0.0,
             nearest: f32::INFINITY,
         };
-        if self.side < 2 {
+        if !self.baked {
             return probe;
         }
+        let cell = self.locate(point);
         probe.nearest = 0.0;
-        let last = (self.side - 2) as f32;
-        let mut base = 0;
-        let mut weights = S::Vector::ZERO;
-        let mut outside = S::Vector::ZERO;
-        for axis in 0..S::DIMENSION {
-            let c = (point[axis] - self.low[axis]) * self.inverse_spacing;
-            let inside = c.clamp(0.0, last + 1.0);
-            // NaN fails the comparison and ends in cell 0.
-            let inside = if inside >= 0.0 { inside } else { 0.0 };
-            let cell = (inside as usize).min(self.side - 2);
-            base = base * self.side + cell;
-            weights[axis] = inside - cell as f32;
-            outside[axis] = (c - inside) * self.spacing;
-        }
+        let window = cell.base..cell.base + Self::WINDOW;
+        let (Some(values), Some(nodes)) = (self.values.get(window.clone()), self.nodes.get(window))
+        else {
+            return probe;
+        };
         for corner in 0..1usize << S::DIMENSION {
-            let mut weight = 1.0;
-            let mut offset = 0;
-            for axis in 0..S::DIMENSION {
-                let up = corner >> (S::DIMENSION - 1 - axis) & 1;
-                weight *= if up == 1 { weights[axis] } else { 1.0 - weights[axis] };
-                offset = offset * self.side + up;
-            }
-            let Some(node) = self.nodes.get(base + offset) else { continue };
-            probe.value += weight * node.value;
+            let (index, weight) = cell.corner(corner, Self::SIDE);
+            let (Some(value), Some(node)) = (values.get(index), nodes.get(index)) else {
+                continue;
+            };
+            probe.value += weight * value;
             probe.gradient += node.gradient * weight;
             probe.variance += weight * node.variance;
             probe.slope_variance += weight * node.slope_variance;
             probe.nearest += weight * node.nearest;
         }
-        let left = outside.norm();
-        if left > 0.0 {
-            probe.value += left;
-            probe.nearest += left;
-        }
+        probe.value += cell.outside;
+        probe.nearest += cell.outside;
         probe
     }
 }
@@ -234,6 +308,27 @@ mod tests {
             let p = Vector([0.031 * c, 0.031 * s * 0.6, 0.031 * s * 0.8]);
             let (got, want) = (grid.probe(p), Surface::<Spatial>::probe(&Round, p));
             assert!((got.value - want.value).abs() <= error.value);
+        }
+    }
+
+    #[test]
+    fn values_have_the_bits_of_probes() {
+        let mut grid = std::boxed::Box::new(Grid::<Spatial, 1331>::new());
+        let points =
+            [[0.0, 0.0, 0.0], [0.01, -0.02, 0.033], [0.05, 0.05, 0.05], [-0.05, 0.0, 0.01]]
+                .map(Vector);
+        assert_eq!(grid.values(&points), [0.0; 4]);
+        grid.bake(&Round, Vector::ZERO, 0.05);
+        let outside = [
+            [0.2, 0.0, 0.0],
+            [0.0, f32::NAN, 0.0],
+            [f32::INFINITY, 0.0, 0.0],
+            [0.049_999, 0.0, -0.3],
+        ]
+        .map(Vector);
+        for points in [points, outside] {
+            let probes = points.map(|p| grid.probe(p).value.to_bits());
+            assert_eq!(grid.values(&points).map(f32::to_bits), probes);
         }
     }
 

@@ -11,8 +11,12 @@ pub trait Prior<S: Space>: Copy + Send + Sync + 'static {
     /// Mean of f (metres) and of ∇f at `point` (object frame, metres).
     fn mean(&self, point: S::Vector) -> (f32, S::Vector);
 
-    /// The prior that fits contact points best; `points` may be empty.
-    fn fitted(&self, points: &[S::Vector]) -> Self;
+    /// The prior that fits contacts best, given as points (metres) with their unit normals where
+    /// known; there may be none.
+    fn fitted(
+        &self,
+        contacts: impl Iterator<Item = (S::Vector, Option<S::Vector>)> + Clone,
+    ) -> Self;
 }
 
 /// The same value everywhere: positive says "outside unless told otherwise" (thesis figure 2.8b).
@@ -30,7 +34,10 @@ impl<S: Space> Prior<S> for Constant {
         (self.0, S::Vector::ZERO)
     }
 
-    fn fitted(&self, _points: &[S::Vector]) -> Self {
+    fn fitted(
+        &self,
+        _contacts: impl Iterator<Item = (S::Vector, Option<S::Vector>)> + Clone,
+    ) -> Self {
         *self
     }
 }
@@ -48,6 +55,54 @@ pub struct Ball<S: Space> {
 impl<S: Space> Ball<S> {
     /// Radii below this would make the prior's curvature rule the surface: 5 mm.
     pub const LEAST_RADIUS: f32 = 0.005;
+
+    /// Normals that spread less than this (mean squared distance from their mean; 1 when they point
+    /// everywhere) do not say how far away the centre is.
+    const LEAST_SPREAD: f32 = 0.2;
+
+    /// The ball whose surface has these points with these normals, in least squares: pᵢ ≈ c + R·nᵢ
+    /// is linear in c and R. `None` when the normals do not decide it.
+    fn through(pairs: impl Iterator<Item = (S::Vector, S::Vector)> + Clone) -> Option<Self> {
+        let (mut point, mut normal, mut count) = (S::Vector::ZERO, S::Vector::ZERO, 0.0);
+        for (p, n) in pairs.clone() {
+            point += p;
+            normal += n;
+            count += 1.0;
+        }
+        if count < 2.0 {
+            return None;
+        }
+        (point, normal) = (point * (1.0 / count), normal * (1.0 / count));
+        let (mut covariance, mut spread) = (0.0, 0.0);
+        for (p, n) in pairs {
+            covariance += (p - point).dot(n - normal);
+            spread += (n - normal).norm_squared();
+        }
+        let radius = covariance / spread;
+        (spread > Self::LEAST_SPREAD * count && radius > Self::LEAST_RADIUS)
+            .then(|| Ball { centre: point - normal * radius, radius })
+    }
+
+    /// Centre of the bounding box and mean distance to it.
+    fn around(points: impl Iterator<Item = S::Vector> + Clone) -> Self {
+        let Some(first) = points.clone().next() else {
+            return Ball { centre: S::Vector::ZERO, radius: Self::LEAST_RADIUS };
+        };
+        let (mut low, mut high) = (first, first);
+        for p in points.clone() {
+            for i in 0..S::DIMENSION {
+                low[i] = low[i].min(p[i]);
+                high[i] = high[i].max(p[i]);
+            }
+        }
+        let centre = (low + high) * 0.5;
+        let (mut sum, mut count) = (0.0, 0.0);
+        for p in points {
+            sum += (p - centre).norm();
+            count += 1.0;
+        }
+        Ball { centre, radius: (sum / count).max(Self::LEAST_RADIUS) }
+    }
 }
 
 impl<S: Space> Prior<S> for Ball<S> {
@@ -60,24 +115,14 @@ impl<S: Space> Prior<S> for Ball<S> {
         (0.5 * (d.norm_squared() * curvature - self.radius), d * curvature)
     }
 
-    /// Centre of the bounding box and mean distance to it.
-    fn fitted(&self, points: &[S::Vector]) -> Self {
-        let Some(&first) = points.first() else {
-            return Ball { centre: S::Vector::ZERO, radius: Self::LEAST_RADIUS };
-        };
-        let (mut low, mut high) = (first, first);
-        for p in points {
-            for i in 0..S::DIMENSION {
-                low[i] = low[i].min(p[i]);
-                high[i] = high[i].max(p[i]);
-            }
-        }
-        let centre = (low + high) * 0.5;
-        let mut sum = 0.0;
-        for p in points {
-            sum += (*p - centre).norm();
-        }
-        Ball { centre, radius: (sum / points.len() as f32).max(Self::LEAST_RADIUS) }
+    /// The least-squares ball through points and normals; where the normals do not decide it (a
+    /// single face, a concavity), the centre of the bounding box and the mean distance to it.
+    fn fitted(
+        &self,
+        contacts: impl Iterator<Item = (S::Vector, Option<S::Vector>)> + Clone,
+    ) -> Self {
+        let pairs = contacts.clone().filter_map(|(p, n)| Some((p, n?)));
+        Self::through(pairs).unwrap_or_else(|| Self::around(contacts.map(|(p, _)| p)))
     }
 }
 
@@ -87,17 +132,40 @@ mod tests {
     use crate::matrix::Vector;
     use crate::space::Planar;
 
+    type Felt = (Vector<2>, Option<Vector<2>>);
+
+    fn fitted(contacts: &[Felt]) -> Ball<Planar> {
+        Ball::<Planar>::UNSET.fitted(contacts.iter().copied())
+    }
+
+    /// On a circle of 30 mm about (0.1, 0).
+    fn on_circle(angle: f32) -> Felt {
+        let n = Vector([angle.cos(), angle.sin()]);
+        (n * 0.03 + Vector([0.1, 0.0]), Some(n))
+    }
+
     #[test]
-    fn ball_is_a_distance_near_its_surface() {
-        let ball = Ball::<Planar>::UNSET.fitted(&[
-            Vector([0.03, 0.0]),
-            Vector([-0.03, 0.0]),
-            Vector([0.0, 0.03]),
-            Vector([0.0, -0.03]),
-        ]);
-        assert!((ball.radius - 0.03).abs() < 1e-7);
-        let (value, slope) = ball.mean(Vector([0.0301, 0.0]));
+    fn normals_find_a_ball_from_one_side() {
+        let ball = fitted(&[on_circle(0.0), on_circle(0.8), on_circle(1.6)]);
+        assert!((ball.radius - 0.03).abs() < 1e-6);
+        assert!((ball.centre - Vector([0.1, 0.0])).norm() < 1e-6);
+        let (value, slope) = ball.mean(Vector([0.1301, 0.0]));
         assert!((value - 1e-4).abs() < 1e-6 && (slope.norm() - 1.0).abs() < 0.01);
-        assert_eq!(Ball::<Planar>::UNSET.fitted(&[]).radius, Ball::<Planar>::LEAST_RADIUS);
+    }
+
+    #[test]
+    fn undecided_normals_leave_it_to_the_points() {
+        let bare = [0.0f32, 1.571, 3.142, 4.712].map(|a| (on_circle(a).0, None));
+        assert!((fitted(&bare).radius - 0.03).abs() < 1e-5);
+        // One flat face, and a concave corner.
+        let up = Some(Vector([0.0, 1.0]));
+        let flat = fitted(&[(Vector([-0.02, 0.0]), up), (Vector([0.02, 0.0]), up)]);
+        assert!((flat.radius - 0.02).abs() < 1e-6 && flat.centre.norm() < 1e-6);
+        let concave = [
+            (on_circle(0.0).0, Some(Vector([-1.0, 0.0]))),
+            (on_circle(3.14).0, Some(Vector([1.0, 0.0]))),
+        ];
+        assert!((fitted(&concave).radius - 0.03).abs() < 1e-4);
+        assert_eq!(fitted(&[]).radius, Ball::<Planar>::LEAST_RADIUS);
     }
 }

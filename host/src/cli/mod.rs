@@ -7,7 +7,7 @@ pub mod inspect;
 pub mod live;
 pub mod replay;
 pub mod reproduce;
-// pub mod simulate;
+pub mod simulate;
 pub mod slam;
 
 use std::process::ExitCode;
@@ -25,7 +25,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Slam(slam::SlamArgs),
-    // Simulate(simulate::SimulateArgs),
+    Simulate(simulate::SimulateArgs),
     Import(import::ImportArgs),
     Live(live::LiveArgs),
     Replay(replay::ReplayArgs),
@@ -38,7 +38,7 @@ impl Cli {
     pub fn run(&self) -> ExitCode {
         let outcome = match &self.command {
             Command::Slam(args) => slam::run(args),
-            // Command::Simulate(args) => simulate::run(args),
+            Command::Simulate(args) => simulate::run(args),
             Command::Import(args) => import::run(args),
             Command::Live(args) => live::run(args),
             Command::Replay(args) => replay::run(args),

@@ -16,10 +16,7 @@ const CASES: [(&str, [(usize, &str); 4]); 3] = [
         "ellipse:0.12x0.06",
         [(5, ""), (10, "thesis' SE ±1 in our prototype: 30"), (15, "goal ≤ 4"), (30, "")],
     ),
-    (
-        "box:0.12x0.06x0.06",
-        [(20, ""), (40, ""), (80, "thesis: “about 80 contacts”"), (120, "")],
-    ),
+    ("box:0.12x0.06x0.06", [(20, ""), (40, ""), (80, "thesis: “about 80 contacts”"), (120, "")]),
 ];
 
 /// Reconstructs the shapes from uniformly drawn contacts with 1 mm and 5° of noise.
@@ -51,5 +48,8 @@ pub fn run(seeds: u64) -> Result<Table, SimError> {
             rows.push(row);
         }
     }
-    Ok(Table { title: "Figure 2.7: shape at known poses, uniform contacts, 1 mm / 5°".into(), rows })
+    Ok(Table {
+        title: "Figure 2.7: shape at known poses, uniform contacts, 1 mm / 5°".into(),
+        rows,
+    })
 }

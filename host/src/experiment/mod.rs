@@ -103,8 +103,7 @@ pub struct Row {
 impl Row {
     /// The row of a case that was run with `seeds` seeds and gave these reports.
     fn of(case: String, reports: &[Report], seeds: u64) -> Row {
-        let spread =
-            |f: fn(&Report) -> Option<f64>| Spread::of(reports.iter().filter_map(f));
+        let spread = |f: fn(&Report) -> Option<f64>| Spread::of(reports.iter().filter_map(f));
         let good = |r: &&Report| r.surface.hausdorff_aligned_mm.is_some_and(|h| h < 9.0);
         Row {
             case,

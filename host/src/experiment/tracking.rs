@@ -21,8 +21,7 @@ pub fn run(seeds: u64) -> Result<Table, SimError> {
     for object in OBJECTS {
         let spec: ObjectSpec = object.parse()?;
         for part in NOISE {
-            let motion_noise =
-                Deviation { length: 0.01 * part, angle: (20.0 * part).to_radians() };
+            let motion_noise = Deviation { length: 0.01 * part, angle: (20.0 * part).to_radians() };
             let options = Options { motion_noise, ..Options::new(spec.clone()) };
             let reports: Vec<_> = (0..seeds)
                 .into_par_iter()
@@ -33,13 +32,15 @@ pub fn run(seeds: u64) -> Result<Table, SimError> {
                     evaluate(&simulation.log, Some(&simulation.geometry), steps, "bootstrap")
                 })
                 .collect();
-            let mut row = Row::of(format!("{object}, motion noise {:.0} %", 100.0 * part), &reports, seeds);
+            let mut row =
+                Row::of(format!("{object}, motion noise {:.0} %", 100.0 * part), &reports, seeds);
             row.reference = "thesis: < 9 mm with 10 000 particles".into();
             rows.push(row);
         }
     }
     Ok(Table {
-        title: "Figure 3.12: tracking with the bootstrap filter, 16 grasps, 10 000 particles".into(),
+        title: "Figure 3.12: tracking with the bootstrap filter, 16 grasps, 10 000 particles"
+            .into(),
         rows,
     })
 }

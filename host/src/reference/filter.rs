@@ -2,8 +2,8 @@
 //!
 //! Corrections to the thesis: weights multiply the previous weights, because resampling is
 //! conditional; the pose is averaged on the manifold, not as numbers; and the likelihood (3.9) is
-//! calibrated, see [`log_likelihood`]. The last line of the algorithm, the update of the shape, is
-//! [`Gpis::fit`] with the contacts carried to the object frame by the mean pose.
+//! calibrated, see [`log_likelihood`]. The algorithm's last line, the update of the shape, is in
+//! [`tracker`](super::tracker).
 
 use nalgebra::{DMatrix, DVector, UnitQuaternion, Vector3};
 use rand_xoshiro::Xoshiro256PlusPlus;

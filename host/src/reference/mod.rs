@@ -13,6 +13,7 @@ pub mod filter;
 pub mod gpis;
 pub mod kernel;
 pub mod prior;
+pub mod tracker;
 
 #[cfg(test)]
 mod tests;
@@ -21,6 +22,7 @@ pub use filter::{Filter, Gate, Settings};
 pub use gpis::{Gpis, Training};
 pub use kernel::Kernel;
 pub use prior::Prior;
+pub use tracker::Tracker;
 
 use crate::space::{Point, Pose};
 

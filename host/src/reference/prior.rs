@@ -1,5 +1,8 @@
 //! What the field is believed to be before any contact.
 
+use nalgebra::{Matrix4, Vector4};
+
+use super::Contact;
 use super::gpis::Error;
 use crate::space::Point;
 
@@ -33,6 +36,40 @@ impl Prior {
         let centre = (low + high) / 2.0;
         let mean = points.iter().map(|p| (p - centre).norm()).sum::<f64>() / points.len() as f64;
         Some(Prior::Ball { centre, radius: mean.max(Self::LEAST_RADIUS) })
+    }
+
+    /// The ball that fits contacts best: in least squares pᵢ ≈ c + R·nᵢ over those with a normal,
+    /// solved as a linear system. Where the normals spread too little to decide it (mean squared
+    /// distance from their mean below 0.2), or the radius comes out below
+    /// [`Prior::LEAST_RADIUS`], the ball [`about`](Prior::about) the points. `None` without contacts.
+    pub fn fitted(contacts: &[Contact]) -> Option<Prior> {
+        let felt: Vec<(Point, Point)> =
+            contacts.iter().filter_map(|c| Some((c.point, c.normal?))).collect();
+        // Unknowns (c, R); rows cₐ + R nₐ = pₐ for each axis a.
+        let mut normal_matrix = Matrix4::zeros();
+        let mut right = Vector4::zeros();
+        for (point, normal) in &felt {
+            for axis in 0..3 {
+                let mut row = Vector4::zeros();
+                row[axis] = 1.0;
+                row[3] = normal[axis];
+                normal_matrix += row * row.transpose();
+                right += row * point[axis];
+            }
+        }
+        let mean = felt.iter().map(|f| f.1).sum::<Point>() / felt.len().max(1) as f64;
+        let spread = felt.iter().map(|f| (f.1 - mean).norm_squared()).sum::<f64>();
+        let solution = normal_matrix.lu().solve(&right);
+        match solution {
+            Some(x)
+                if felt.len() > 1
+                    && spread > 0.2 * felt.len() as f64
+                    && x[3] > Self::LEAST_RADIUS =>
+            {
+                Some(Prior::Ball { centre: x.xyz(), radius: x[3] })
+            }
+            _ => Prior::about(contacts.iter().map(|c| c.point)),
+        }
     }
 
     /// Refuses parameters that are not finite, or a radius that is not positive.

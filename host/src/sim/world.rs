@@ -65,7 +65,7 @@ impl Options {
             motion_noise: Deviation { length: 1e-2, angle: 20f64.to_radians() },
             outliers: 0.0,
             free: true,
-            seed: 1,
+            seed: 0,
         }
     }
 }
@@ -361,6 +361,13 @@ fn description(options: &Options, grasps: usize) -> String {
     let touch = match options.touch {
         Touch::Hand => "a hand",
         Touch::Uniform => "uniform draws",
+    };
+    // Only the name of a file: a log goes to other machines.
+    let object = match object {
+        ObjectSpec::Mesh(file) | ObjectSpec::Polygon(file) => {
+            file.file_name().unwrap_or_default().display().to_string()
+        }
+        other => other.to_string(),
     };
     format!(
         "simulated {object}: {grasps} grasps of {contacts} contacts by {touch}, contact noise \

@@ -106,7 +106,7 @@ fn doubt(contact: Contact, covariance: &Matrix6<f64>) -> Contact {
 /// # Errors
 /// As [`reconstruct`].
 pub fn fit(dimension: usize, contacts: &[Contact]) -> Result<(Kernel, Gpis), Error> {
-    let Some(prior) = Prior::about(contacts.iter().map(|c| c.point)) else {
+    let Some(prior) = Prior::fitted(contacts) else {
         return Err(Error::NoContacts);
     };
     let radius = match prior {

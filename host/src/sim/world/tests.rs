@@ -209,6 +209,7 @@ fn a_log_and_its_mesh_are_written_together_or_not_at_all() {
     std::fs::copy(file, &mug).unwrap();
     let before = std::fs::metadata(&mug).unwrap().modified().unwrap();
     let mesh = simulate(&options(mug.to_str().unwrap(), 1)).unwrap();
+    assert!(mesh.log.description.starts_with("simulated mug.ply: 20"), "{}", mesh.log.description);
     mesh.write(&folder.path().join("mug.jsonl")).unwrap();
     assert_eq!(std::fs::metadata(&mug).unwrap().modified().unwrap(), before);
     assert!(GraspLog::read(&folder.path().join("mug.jsonl")).unwrap().shape.is_some());
