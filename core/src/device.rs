@@ -65,6 +65,7 @@ pub trait Onboard<S: WireSpace>: Tracker<S> {
 /// * a frame that cannot be read is dropped without an answer: the host sends it again;
 /// * a frame that is sent again is answered again, and not obeyed again;
 /// * a frame older than the one last obeyed is dropped;
+/// * before the first `Hello` everything else is refused;
 /// * a second motion, a contact beyond `CONTACTS` and impossible settings are refused;
 /// * a commit without contacts is an empty grasp: the tracker only predicts.
 pub struct Device<T, S: WireSpace, const CONTACTS: usize> {
@@ -77,6 +78,8 @@ pub struct Device<T, S: WireSpace, const CONTACTS: usize> {
     health: Health,
     estimate: Option<EstimateFrame<S>>,
     answer: Answer<S>,
+    /// Whether a host has said `Hello`.
+    greeted: bool,
     /// Whether the tracker has its model and settings.
     ready: bool,
 }
@@ -116,6 +119,7 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
             health: Health::NONE,
             estimate: None,
             answer: Answer { bytes: Vec::new(), to: 0, next: 0, space: PhantomData },
+            greeted: false,
             ready: false,
         }
     }
@@ -134,10 +138,10 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
         }
     }
 
-    /// Sends [`Report::Hello`] unasked, so that a host notices a board that has started again.
+    /// Sends [`Report::Hello`] unasked, for whoever watches the line.
     pub fn announce<B: Board>(&mut self, board: &mut B) {
         self.answer.bytes.clear();
-        self.answer.add(board.now(), Report::Hello(self.hello::<B>(false)));
+        self.answer.add(board.now(), Report::Hello(self.hello::<B>()));
         board.send(&self.answer.bytes);
     }
 
@@ -148,7 +152,7 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
                 Some(Ok(received)) => self.hear(received, board),
                 Some(Err(FrameError::Version { sequence, .. })) => {
                     self.answer.bytes.clear();
-                    self.answer.add(board.now(), Report::Hello(self.hello::<B>(true)));
+                    self.answer.add(board.now(), Report::Hello(self.hello::<B>()));
                     self.reply(sequence, Err(Refusal::Version), board);
                 }
                 Some(Err(_)) | None => {}
@@ -183,9 +187,13 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
     }
 
     fn obey<B: Board>(&mut self, command: Command<S>, board: &mut B) -> Result<(), Refusal> {
+        if !self.greeted && !matches!(command, Command::Hello { .. }) {
+            return Err(Refusal::NotGreeted);
+        }
         match command {
             Command::Hello { .. } => {
-                self.answer.add(board.now(), Report::Hello(self.hello::<B>(true)));
+                self.greeted = true;
+                self.answer.add(board.now(), Report::Hello(self.hello::<B>()));
             }
             Command::Ping => {}
             Command::Configure(settings) => {
@@ -274,10 +282,9 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
         Refusal::Full
     }
 
-    fn hello<B: Board>(&self, asked: bool) -> Hello {
+    fn hello<B: Board>(&self) -> Hello {
         Hello {
             protocol: PROTOCOL,
-            asked,
             firmware: FIRMWARE,
             board: B::KIND,
             dimension: S::DIMENSION as u8,

@@ -1,7 +1,7 @@
 //! Boards for [`tactile_core::device::Device`]: clock, UART, stack; empty on a host.
 //!
-//! A panic or a fault restarts the board, which then introduces itself again: a host sees an
-//! unasked `Hello` and knows that the belief is gone.
+//! A panic or a fault restarts the board, which then refuses commands until it is greeted: the host
+//! knows that the belief is gone.
 #![cfg_attr(target_os = "none", no_std)]
 
 #[cfg(target_os = "none")]

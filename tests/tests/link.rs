@@ -183,3 +183,34 @@ fn recordings_of_a_bad_line_hold_everything() {
     records::<Planar>(faults);
     records::<Spatial>(faults);
 }
+
+/// A virtual board that loses its power once, after so many frames from the host.
+struct Unplugged {
+    board: Box<dyn Link>,
+    left: u32,
+}
+
+impl Link for Unplugged {
+    fn send(&mut self, bytes: &[u8]) -> std::io::Result<()> {
+        if self.left == 0 {
+            self.board = board::<Planar>();
+        }
+        self.left = self.left.wrapping_sub(1);
+        self.board.send(bytes)
+    }
+
+    fn receive(&mut self, bytes: &mut [u8], timeout: Duration) -> std::io::Result<usize> {
+        self.board.receive(bytes, timeout)
+    }
+}
+
+#[test]
+fn a_board_that_restarts_is_noticed() {
+    for left in 2..20 {
+        let link = Unplugged { board: board::<Planar>(), left };
+        let session = Session::<Planar, _>::open(link, quick()).unwrap();
+        let log = Planar::log(3);
+        let error = session.run(&log, settings_for(&log, 1), |_, _| ()).unwrap_err();
+        assert!(matches!(error, SessionError::Restarted { .. }), "{left}: {error}");
+    }
+}

@@ -109,13 +109,21 @@ struct Rig {
 }
 
 impl Rig {
-    fn new() -> Self {
+    /// A device that has just started.
+    fn cold() -> Self {
         Rig {
             device: Device::new(Counting::new()),
             board: Bench::default(),
             decoder: Decoder::new(),
             next: 0,
         }
+    }
+
+    /// A device that has been greeted.
+    fn new() -> Self {
+        let mut rig = Rig::cold();
+        rig.send(0, Command::Hello { protocol: PROTOCOL });
+        rig
     }
 
     fn send(&mut self, sequence: u8, message: Command<Planar>) -> Vec<Report<Planar>> {
@@ -173,17 +181,25 @@ fn refused(to: u8, refusal: Refusal) -> Report<Planar> {
 
 #[test]
 fn introduces_itself() {
-    let mut rig = Rig::new();
+    let mut rig = Rig::cold();
     rig.device.announce(&mut rig.board);
     let unasked = rig.reports();
     let asked = rig.send(9, Command::Hello { protocol: PROTOCOL });
     let [Report::Hello(hello), reply] = asked[..] else { panic!("{asked:?}") };
-    let alone = Report::Hello(Hello { asked: false, ..hello });
-    assert!(hello.asked);
-    assert_eq!((unasked, reply), (std::vec![alone], done(9)));
+    assert_eq!((unasked, reply), (std::vec![Report::Hello(hello)], done(9)));
     assert_eq!((hello.dimension, hello.contacts, hello.map, hello.particles), (2, 3, 40, 300));
     // Asked again with the number it was asked with, it answers again.
     assert_eq!(rig.send(9, Command::Hello { protocol: PROTOCOL }), asked);
+}
+
+#[test]
+fn a_board_that_has_started_obeys_nobody_before_a_greeting() {
+    let mut rig = Rig::cold();
+    assert_eq!(rig.say(Command::Commit), [refused(1, Refusal::NotGreeted)]);
+    assert_eq!(rig.say(Command::Ping), [refused(2, Refusal::NotGreeted)]);
+    assert_eq!(rig.device.tracker.grasps, 0);
+    rig.say(Command::Hello { protocol: PROTOCOL });
+    assert_eq!(rig.say(Command::Ping), [done(4)]);
 }
 
 #[test]

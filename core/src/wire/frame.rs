@@ -28,7 +28,8 @@ pub struct Frame<M> {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "")]
 pub enum Command<S: WireSpace> {
-    /// Asks who is there; answered with [`Report::Hello`]. Starts a conversation.
+    /// Asks who is there; answered with [`Report::Hello`]. Starts a conversation: until then a
+    /// board refuses everything else, so that a host notices a board that has started again.
     Hello {
         /// [`PROTOCOL`] of the host.
         protocol: u8,
@@ -79,8 +80,6 @@ pub enum Topic {
 pub struct Hello {
     /// [`PROTOCOL`] of the board.
     pub protocol: u8,
-    /// False when the board introduces itself after a start.
-    pub asked: bool,
     /// Version of the firmware: major, minor, patch.
     pub firmware: [u8; 3],
     /// What the core runs on.
@@ -401,6 +400,8 @@ pub struct Reply {
 /// Why a command was not obeyed. The state of the board is then as before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Refusal {
+    /// Nobody has said `Hello` since the board started: what went before is forgotten.
+    NotGreeted,
     /// The host speaks another version of the protocol; the `Hello` that comes along names ours.
     Version,
     /// Deviations must be finite, a contact's above zero and a motion's not below.
@@ -418,6 +419,7 @@ pub enum Refusal {
 impl core::fmt::Display for Refusal {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
+            Refusal::NotGreeted => "the board has started and was not greeted",
             Refusal::Version => "the protocol's version is another",
             Refusal::Settings => "a standard deviation is not positive and finite",
             Refusal::MotionTwice => "the grasp already has a motion",

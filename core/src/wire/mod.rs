@@ -46,7 +46,8 @@
 //! comes before that reply. When nothing comes, the host sends the same frame again, and a board
 //! that has already obeyed it repeats its answer, byte for byte, without obeying twice. So a lost,
 //! damaged or doubled frame costs time and nothing else, and a UART without a FIFO never has to
-//! take a byte while it computes. Only `Hello` may start anew with any sequence number.
+//! take a byte while it computes. Only `Hello` may start anew with any sequence number, and a
+//! board that has started obeys nothing before it.
 //!
 //! # What a receiver counts
 //!

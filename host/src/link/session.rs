@@ -83,7 +83,7 @@ pub enum SessionError {
         /// Why not.
         refusal: Refusal,
     },
-    /// The board introduced itself unasked.
+    /// The board does not know us any more.
     #[error("the board restarted during `{command}`: its belief is gone")]
     Restarted {
         /// What was asked.
@@ -166,8 +166,6 @@ pub struct Session<S: WireSpace, L> {
     start: Instant,
     next: u8,
     hello: Option<Hello>,
-    /// When the board introduced itself, by its clock: the same frame may come twice.
-    started: Option<Clock>,
     settings: Settings,
     committed: u32,
     repeated: u32,
@@ -194,7 +192,6 @@ impl<S: WireSpace, L: Link> Session<S, L> {
             start: Instant::now(),
             next: 0,
             hello: None,
-            started: None,
             settings: Settings::DEFAULT,
             committed: 0,
             repeated: 0,
@@ -372,21 +369,13 @@ impl<S: WireSpace, L: Link> Session<S, L> {
                 Some(Err(_)) | None => continue,
             };
             match received.frame.message {
-                Report::Hello(hello) => {
-                    let time = received.frame.time;
-                    if hello.asked {
-                        answer.hello = Some(hello);
-                    } else if self.hello.is_none() {
-                        self.started = Some(time);
-                    } else if self.started != Some(time) {
-                        return Err(SessionError::Restarted { command: name });
-                    }
-                }
+                Report::Hello(hello) => answer.hello = Some(hello),
                 Report::Estimate(estimate) => answer.estimate = Some(estimate),
                 Report::Health(health) => answer.health = Some(health),
                 Report::Reply(reply) if reply.to == sequence => {
                     return match reply.refusal {
                         None => Ok(true),
+                        Some(Refusal::NotGreeted) => Err(SessionError::Restarted { command: name }),
                         Some(refusal) => Err(SessionError::Refused { command: name, refusal }),
                     };
                 }

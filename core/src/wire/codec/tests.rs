@@ -91,7 +91,6 @@ fn planar_estimate(grasp: u32) -> Estimate<Planar> {
 
 const HELLO: Hello = Hello {
     protocol: PROTOCOL,
-    asked: true,
     firmware: [0, 1, 0],
     board: BoardKind::Stm32f405,
     dimension: 3,
