@@ -1,4 +1,4 @@
-//! Boards for [`tactile_core::device::Device`]: clock, UART, stack; empty on a host.
+//! Boards for `tactile_core::device::Device`: clock, UART, stack; empty on a host.
 //!
 //! A panic or a fault restarts the board, which then refuses commands until it is greeted: the host
 //! knows that the belief is gone.

@@ -6,6 +6,8 @@ use std::time::Duration;
 
 use super::Link;
 
+const SEND: Duration = Duration::from_secs(10);
+
 /// A connected stream.
 #[derive(Debug)]
 pub struct Tcp {
@@ -36,6 +38,8 @@ impl Tcp {
         // Frames are small and every one is waited for.
         stream.set_nodelay(true)?;
         stream.set_nonblocking(false)?;
+        // A side that takes nothing must not hold this one for ever.
+        stream.set_write_timeout(Some(SEND))?;
         Ok(Tcp { stream })
     }
 }
