@@ -166,7 +166,7 @@ fn compare<S: Bridge, K: surface::Kernel>(case: &Case, core: K, kernel: Kernel) 
         ),
     ] {
         let ours = core_surface::<S, K>(core, core_training, &case.contacts);
-        let prior = reference::Prior::about(case.contacts.iter().map(|c| c.point)).unwrap();
+        let prior = reference::Prior::fitted(&case.contacts).unwrap();
         let truth =
             reference::Gpis::fit(S::DIMENSION, kernel, prior, training, &case.contacts).unwrap();
         let nats = f64::from(ours.log_likelihood()) - truth.log_marginal_likelihood();
@@ -341,7 +341,7 @@ fn same_belief<S: Bridge>(gated: bool) {
 
     let inverse = start.inverse();
     let map: Vec<_> = first.iter().map(|c| c.transformed(&inverse)).collect();
-    let prior = reference::Prior::about(map.iter().map(|c| c.point)).unwrap();
+    let prior = reference::Prior::fitted(&map).unwrap();
     let kernel = Kernel::Matern32 { amplitude: 0.03, lengthscale: 0.1 };
     let surface =
         reference::Gpis::fit(S::DIMENSION, kernel, prior, Training::Derivative, &map).unwrap();

@@ -303,7 +303,7 @@ mod tests {
     fn surface() -> Gpis {
         let contacts = ellipse(16);
         let kernel = Kernel::Matern32 { amplitude: 0.03, lengthscale: 0.08 };
-        let prior = Prior::about(contacts.iter().map(|c| c.point)).unwrap();
+        let prior = Prior::fitted(&contacts).unwrap();
         Gpis::fit(2, kernel, prior, Training::Derivative, &contacts).unwrap()
     }
 

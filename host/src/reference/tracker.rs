@@ -78,7 +78,7 @@ impl Tracker {
 
         let mut learnt = self.contacts.clone();
         learnt.extend(contacts.iter().map(|c| self.placed(c, &step)));
-        let prior = Prior::about(learnt.iter().map(|c| c.point)).unwrap_or(Prior::Constant(0.0));
+        let prior = Prior::fitted(&learnt).unwrap_or(Prior::Constant(0.0));
         let dimension = self.settings.dimension;
         let surface = Gpis::fit(dimension, self.kernel, prior, self.training, &learnt)?;
         self.contacts = learnt;
