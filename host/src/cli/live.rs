@@ -114,6 +114,9 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
         say(serde_json::to_string_pretty(&report).map_err(Error::failure)?);
     } else {
         say(fed.text);
+        if args.port == Port::Qemu {
+            say("               (the emulator's clock: not the time the chip takes)");
+        }
         say(outcome.report.to_string().trim_end());
         say(format!("results in {}", args.out.display()));
     }

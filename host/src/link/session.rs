@@ -2,8 +2,9 @@
 //!
 //! Why one at a time: an STM32's UART holds a single received byte, and the board computes for
 //! milliseconds. Because the host only speaks after the board's reply, and the board replies when it
-//! is ready to listen, no byte can be lost to a busy board at any speed of the line; at 115 200 baud
-//! a contact and its reply take 3.7 ms, a five-finger grasp about 25 ms.
+//! is ready to listen, no byte can be lost to a busy board at any speed of the line. At 115 200 baud
+//! a five-finger grasp and its answer spend 32 ms (planar) or 41 ms (spatial) on the line, at
+//! 921 600 baud an eighth of that.
 
 use std::io;
 use std::time::{Duration, Instant};
