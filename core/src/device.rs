@@ -1,1 +1,315 @@
-//! The board's behaviour, bytes in and bytes out.
+//! The board's behaviour: commands in, a tracker in the middle, reports out. The same code runs on
+//! a microcontroller, in QEMU and inside a host process, so all three answer the same.
+
+mod trackers;
+
+use core::marker::PhantomData;
+
+use heapless::Vec;
+
+use crate::contact::Grasp;
+use crate::track::{MotionNoise, Tracker};
+use crate::wire::{
+    Arrival, BoardKind, Clock, Command, Decoder, EstimateFrame, Frame, FrameError, Health, Hello,
+    MAX_FRAME, PROTOCOL, Received, Refusal, Reply, Report, Settings, Topic, WireSpace, encode,
+};
+
+pub use trackers::{
+    CONTACTS, PlanarDevice, PlanarMap, PlanarTracker, SpatialDevice, SpatialMap, SpatialTracker,
+};
+
+/// What a device needs of the hardware.
+pub trait Board {
+    /// What it is.
+    const KIND: BoardKind;
+
+    /// Microseconds since some moment, wrapping.
+    fn now(&mut self) -> u32;
+
+    /// Waits until at least one byte has come, then moves what has come into `bytes` and returns
+    /// how many. A board inside a host process returns 0 instead of waiting.
+    fn receive(&mut self, bytes: &mut [u8]) -> usize;
+
+    /// Sends all bytes.
+    fn send(&mut self, bytes: &[u8]);
+
+    /// What only the hardware knows.
+    fn vitals(&mut self) -> Vitals;
+}
+
+/// What only the hardware knows; zero where it is not measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Vitals {
+    /// Bytes the UART lost since the start.
+    pub overruns: u32,
+    /// Deepest stack since the start, bytes.
+    pub peak_stack: u32,
+    /// Stack there is, bytes.
+    pub stack: u32,
+}
+
+/// A tracker that can live on a board.
+pub trait Onboard<S: WireSpace>: Tracker<S> {
+    /// Contacts the map can hold.
+    const MAP: usize;
+    /// Particles of the filter.
+    const PARTICLES: usize;
+
+    /// Sets the model of the surface; called before the first use.
+    fn prepare(&mut self);
+}
+
+/// A tracker behind a link. `CONTACTS` contacts, and as many free points, fit in one grasp.
+///
+/// Decisions about what a host may send, all of them counted in [`Health`]:
+/// * a frame that cannot be read is dropped without an answer: the host sends it again;
+/// * a frame that is sent again is answered again, and not obeyed again;
+/// * a frame older than the one last obeyed is dropped;
+/// * before the first `Hello` everything else is refused;
+/// * a second motion, a contact beyond `CONTACTS` and impossible settings are refused;
+/// * a commit without contacts is an empty grasp: the tracker only predicts.
+pub struct Device<T, S: WireSpace, const CONTACTS: usize> {
+    tracker: T,
+    decoder: Decoder<Command<S>>,
+    grasp: Grasp<S, CONTACTS>,
+    motion: Option<S::Pose>,
+    /// `None` stands for the defaults, so that a new device is all zero bits.
+    settings: Option<Settings>,
+    health: Health,
+    estimate: Option<EstimateFrame<S>>,
+    answer: Answer<S>,
+    /// Whether a host has said `Hello`.
+    greeted: bool,
+    /// Whether the tracker has its model and settings.
+    ready: bool,
+}
+
+/// The frames that answer the last command, kept to be sent again.
+struct Answer<S> {
+    bytes: Vec<u8, { 3 * MAX_FRAME }>,
+    /// Sequence number of the command.
+    to: u8,
+    /// Sequence number of the next frame.
+    next: u8,
+    space: PhantomData<S>,
+}
+
+impl<S: WireSpace> Answer<S> {
+    fn add(&mut self, now: u32, message: Report<S>) {
+        let mut buffer = [0; MAX_FRAME];
+        let frame = Frame { sequence: self.next, time: Clock(now), message };
+        // Three frames of at most MAX_FRAME bytes fit, and no answer has more.
+        if let Ok(bytes) = encode(&frame, &mut buffer) {
+            let _ = self.bytes.extend_from_slice(bytes);
+        }
+        self.next = self.next.wrapping_add(1);
+    }
+}
+
+impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> {
+    /// A device that has heard nothing yet. All zero bits when the tracker is, so that a static one
+    /// takes no flash.
+    pub const fn new(tracker: T) -> Self {
+        Device {
+            tracker,
+            decoder: Decoder::new(),
+            grasp: Grasp::new(),
+            motion: None,
+            settings: None,
+            health: Health::NONE,
+            estimate: None,
+            answer: Answer { bytes: Vec::new(), to: 0, next: 0, space: PhantomData },
+            greeted: false,
+            ready: false,
+        }
+    }
+
+    /// Introduces the board, then obeys what `board` receives. Returns when it receives nothing,
+    /// which hardware never does.
+    pub fn run(&mut self, board: &mut impl Board) {
+        self.announce(board);
+        let mut bytes = [0; 32];
+        loop {
+            let count = board.receive(&mut bytes);
+            if count == 0 {
+                return;
+            }
+            self.take(bytes.get(..count).unwrap_or(&[]), board);
+        }
+    }
+
+    /// Sends [`Report::Hello`] unasked, for whoever watches the line.
+    pub fn announce<B: Board>(&mut self, board: &mut B) {
+        self.answer.bytes.clear();
+        self.answer.add(board.now(), Report::Hello(self.hello::<B>()));
+        board.send(&self.answer.bytes);
+    }
+
+    /// Takes bytes in pieces of any size and answers the commands they complete.
+    pub fn take<B: Board>(&mut self, bytes: &[u8], board: &mut B) {
+        for &byte in bytes {
+            match self.decoder.push(byte) {
+                Some(Ok(received)) => self.hear(received, board),
+                Some(Err(FrameError::Version { sequence, .. })) => {
+                    self.answer.bytes.clear();
+                    self.answer.add(board.now(), Report::Hello(self.hello::<B>()));
+                    self.reply(sequence, Err(Refusal::Version), board);
+                }
+                Some(Err(_)) | None => {}
+            }
+        }
+    }
+
+    fn hear<B: Board>(&mut self, received: Received<Command<S>>, board: &mut B) {
+        let Frame { sequence, message, .. } = received.frame;
+        let hello = matches!(message, Command::Hello { .. });
+        match received.arrival {
+            Arrival::New => {}
+            Arrival::Doubled if hello => {}
+            Arrival::Doubled if sequence == self.answer.to => {
+                board.send(&self.answer.bytes);
+                return;
+            }
+            Arrival::Doubled | Arrival::Late => return,
+        }
+        self.answer.bytes.clear();
+        let outcome = self.obey(message, board);
+        self.reply(sequence, outcome, board);
+    }
+
+    fn reply(&mut self, to: u8, outcome: Result<(), Refusal>, board: &mut impl Board) {
+        if outcome.is_err() {
+            self.health.refused = self.health.refused.saturating_add(1);
+        }
+        self.answer.to = to;
+        self.answer.add(board.now(), Report::Reply(Reply { to, refusal: outcome.err() }));
+        board.send(&self.answer.bytes);
+    }
+
+    fn obey<B: Board>(&mut self, command: Command<S>, board: &mut B) -> Result<(), Refusal> {
+        if !self.greeted && !matches!(command, Command::Hello { .. }) {
+            return Err(Refusal::NotGreeted);
+        }
+        match command {
+            Command::Hello { .. } => {
+                self.greeted = true;
+                self.answer.add(board.now(), Report::Hello(self.hello::<B>()));
+            }
+            Command::Ping => {}
+            Command::Configure(settings) => {
+                if !settings.is_valid() {
+                    return Err(Refusal::Settings);
+                }
+                self.settings = Some(settings);
+                self.reset();
+            }
+            Command::Reset => self.reset(),
+            Command::Motion(frame) => {
+                if self.motion.is_some() {
+                    return Err(Refusal::MotionTwice);
+                }
+                self.motion = Some(frame.motion().ok_or(Refusal::Motion)?);
+            }
+            Command::Contact(frame) => {
+                let contact = frame.contact(&self.settings.unwrap_or(Settings::DEFAULT));
+                self.grasp.contacts.push(contact).map_err(|_| self.overfull())?;
+            }
+            Command::Free(frame) => {
+                self.grasp.free.push(frame.free_point()).map_err(|_| self.overfull())?;
+            }
+            Command::Commit => self.commit(board),
+            Command::Query(Topic::Estimate) => {
+                let estimate = self.estimate.ok_or(Refusal::NoEstimate)?;
+                self.answer.add(board.now(), Report::Estimate(estimate));
+            }
+            Command::Query(Topic::Health) => self.report_health(board),
+        }
+        Ok(())
+    }
+
+    fn commit(&mut self, board: &mut impl Board) {
+        if !self.ready {
+            self.start();
+        }
+        if self.grasp.contacts.is_empty() {
+            self.health.empty = self.health.empty.saturating_add(1);
+        }
+        let start = board.now();
+        let estimate = self.tracker.update(self.motion.as_ref(), self.grasp.view());
+        let spent = board.now().wrapping_sub(start);
+        self.health.grasps = self.health.grasps.saturating_add(1);
+        self.health.update = spent;
+        self.health.worst_update = self.health.worst_update.max(spent);
+        self.grasp.clear();
+        self.motion = None;
+        let frame = EstimateFrame::new(&estimate);
+        self.estimate = Some(frame);
+        self.answer.add(board.now(), Report::Estimate(frame));
+        self.report_health(board);
+    }
+
+    fn report_health(&mut self, board: &mut impl Board) {
+        let vitals = board.vitals();
+        self.health.overruns = vitals.overruns;
+        self.health.peak_stack = vitals.peak_stack;
+        self.health.stack = vitals.stack;
+        self.health.received = *self.decoder.counters();
+        self.answer.add(board.now(), Report::Health(self.health));
+    }
+
+    fn reset(&mut self) {
+        self.grasp.clear();
+        self.motion = None;
+        self.estimate = None;
+        self.start();
+    }
+
+    fn start(&mut self) {
+        let settings = self.settings.unwrap_or(Settings::DEFAULT);
+        if !self.ready {
+            self.tracker.prepare();
+            self.ready = true;
+        }
+        self.tracker.set_motion_noise(MotionNoise {
+            translation: settings.translation,
+            rotation: settings.rotation,
+        });
+        self.tracker.reset(settings.seed);
+    }
+
+    fn overfull(&mut self) -> Refusal {
+        self.health.overfull = self.health.overfull.saturating_add(1);
+        Refusal::Full
+    }
+
+    fn hello<B: Board>(&self) -> Hello {
+        Hello {
+            protocol: PROTOCOL,
+            firmware: FIRMWARE,
+            board: B::KIND,
+            dimension: S::DIMENSION as u8,
+            contacts: CONTACTS.min(u16::MAX as usize) as u16,
+            map: T::MAP.min(u16::MAX as usize) as u16,
+            particles: T::PARTICLES.min(u16::MAX as usize) as u16,
+        }
+    }
+}
+
+/// Version of the package: major, minor, patch.
+const FIRMWARE: [u8; 3] = [
+    number(env!("CARGO_PKG_VERSION_MAJOR")),
+    number(env!("CARGO_PKG_VERSION_MINOR")),
+    number(env!("CARGO_PKG_VERSION_PATCH")),
+];
+
+const fn number(digits: &str) -> u8 {
+    let (bytes, mut value, mut i) = (digits.as_bytes(), 0, 0);
+    while i < bytes.len() {
+        value = value * 10 + (bytes[i] - b'0');
+        i += 1;
+    }
+    value
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,1 +1,127 @@
 //! Harness of the cross-crate tests: finds data, builds firmware and runs it in QEMU.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use serde_json::Map;
+use tactile_core::space::{Planar, Spatial};
+use tactile_core::wire::WireSpace;
+use tactile_host::link::firmware::{self, FirmwareError, Machine};
+use tactile_host::link::qemu::Qemu;
+use tactile_host::log::{GraspLog, LoggedContact, LoggedFree, LoggedGrasp, Noise};
+use tactile_host::space::{Bridge, Point, Pose, planar};
+
+/// Whether a missing compiler or emulator is a failure rather than a reason to skip: it is where
+/// `TACTILE_REQUIRE_FIRMWARE` is set, as continuous integration does.
+pub fn firmware_is_required() -> bool {
+    std::env::var_os("TACTILE_REQUIRE_FIRMWARE").is_some_and(|v| !v.is_empty() && v != "0")
+}
+
+/// The outcome, or `None` and a plain message when something has to be installed first.
+///
+/// # Panics
+/// When anything else went wrong, or when firmware is required.
+pub fn unless_missing<T>(outcome: Result<T, FirmwareError>) -> Option<T> {
+    match outcome {
+        Ok(done) => Some(done),
+        Err(error) if error.is_missing() && !firmware_is_required() => {
+            eprintln!("skipped: {error}");
+            None
+        }
+        Err(error) => panic!("{error}"),
+    }
+}
+
+/// An image and a running emulator with it, or `None` when something has to be installed first.
+pub fn board<S: WireSpace>(machine: Machine) -> Option<(PathBuf, Qemu)> {
+    let image = firmware::image_for(S::DIMENSION)?;
+    let elf = unless_missing(firmware::build(image, machine))?;
+    let board = unless_missing(Qemu::start(&elf, machine, Duration::from_secs(300)))?;
+    Some((elf, board))
+}
+
+/// A space with a grasp log made by arithmetic alone, the same everywhere.
+pub trait Sample: Bridge + WireSpace {
+    /// Grasps of a 100 × 60 mm ellipse or a 50 mm ball that turns in the hand: five contacts and
+    /// one free point each, and one contact with a noise of its own.
+    fn log(grasps: usize) -> GraspLog;
+}
+
+impl Sample for Planar {
+    fn log(grasps: usize) -> GraspLog {
+        let contact = |k: usize, c: usize| {
+            let (sin, cos) = (1.1 * c as f64 + 0.37 * k as f64).sin_cos();
+            let normal = Point::new(cos / 0.05, sin / 0.03, 0.0).normalize();
+            (Point::new(0.05 * cos, 0.03 * sin, 0.0), normal)
+        };
+        log(2, grasps, planar(0.002, -0.001, 0.15), contact)
+    }
+}
+
+impl Sample for Spatial {
+    fn log(grasps: usize) -> GraspLog {
+        let contact = |k: usize, c: usize| {
+            let (sin, cos) = (1.3 * c as f64 + 0.61 * k as f64).sin_cos();
+            let z = (0.7 * (c * 3 + k) as f64).sin() * 0.9;
+            let r = (1.0 - z * z).sqrt();
+            let normal = Point::new(r * cos, r * sin, z);
+            (normal * 0.05, normal)
+        };
+        let turn = Pose::new(Point::new(0.002, -0.001, 0.001), Point::new(0.05, 0.1, -0.08));
+        log(3, grasps, turn, contact)
+    }
+}
+
+fn log(
+    dimension: usize,
+    grasps: usize,
+    motion: Pose,
+    contact: impl Fn(usize, usize) -> (Point, Point),
+) -> GraspLog {
+    let mut pose = Pose::identity();
+    let grasps = (0..grasps)
+        .map(|k| {
+            if k > 0 {
+                pose = motion * pose;
+            }
+            let contacts = (0..5)
+                .map(|c| {
+                    let (point, normal) = contact(k, c);
+                    LoggedContact {
+                        finger: Some(c),
+                        point: (pose * nalgebra::Point3::from(point)).coords,
+                        normal: Some(pose.rotation * normal),
+                        normal_noise: (c == 3).then_some(0.3),
+                        force: None,
+                        unknown: Map::new(),
+                    }
+                })
+                .collect();
+            let outside = Point::new(0.2, 0.01 * k as f64, 0.0);
+            let free = vec![LoggedFree { finger: Some(0), point: outside, unknown: Map::new() }];
+            LoggedGrasp {
+                index: k as u64,
+                time: Some(k as f64),
+                motion: (k > 0).then_some(motion),
+                contacts,
+                free,
+                truth: Some(pose),
+                unknown: Map::new(),
+            }
+        })
+        .collect();
+    GraspLog {
+        dimension,
+        description: "made by arithmetic".into(),
+        fingers: ["ff", "mf", "rf", "lf", "th"].map(str::to_owned).to_vec(),
+        noise: Noise {
+            point: Some(1e-3),
+            normal: Some(0.087),
+            translation: Some(2e-3),
+            rotation: Some(0.05),
+        },
+        shape: None,
+        grasps,
+        unknown: Map::new(),
+    }
+}

@@ -56,13 +56,24 @@ pub struct Bootstrap<S: Space, M: Map<S>, const PARTICLES: usize> {
 
 #[derive(Clone, Debug)]
 struct Running {
-    settings: Settings,
+    motion: MotionNoise,
+    /// No contacts: no gate. (Not an `Option`, whose unused tags would encode that nothing is
+    /// running, and that encoding is not zero.)
+    gate: Gate,
     random: Random,
 }
 
 impl Running {
     fn new(settings: Settings) -> Self {
-        Running { random: Random::new(settings.seed), settings }
+        Running {
+            motion: settings.motion,
+            gate: settings.gate.unwrap_or(Gate { contacts: 0, distance: 0.0 }),
+            random: Random::new(settings.seed),
+        }
+    }
+
+    fn gate(&self) -> Option<Gate> {
+        (self.gate.contacts > 0).then_some(self.gate)
     }
 }
 
@@ -116,13 +127,13 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
         let motion = motion.filter(|m| m.is_finite());
         for pose in self.particles.poses_mut() {
             let moved = motion.map_or(*pose, |m| m.compose(pose));
-            *pose = running.settings.motion.disturb::<S>(&moved, &mut running.random);
+            *pose = running.motion.disturb::<S>(&moved, &mut running.random);
         }
     }
 
     /// Weighs the particles by the grasp; false when none is possible.
     fn weigh(&mut self, grasp: &GraspView<'_, S>) -> bool {
-        let gate = self.running.as_ref().and_then(|r| r.settings.gate);
+        let gate = self.running.as_ref().and_then(Running::gate);
         let map = &self.map;
         self.particles.weigh(|pose| {
             let (mut sum, mut close, mut all) = (0.0, 0, 0);
@@ -237,13 +248,17 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Tracker<S> for Bootstrap<S, M,
     }
 
     fn reset(&mut self, seed: u64) {
-        let settings = self.running.as_ref().map_or(Settings::DEFAULT, |r| r.settings);
+        let settings = self.running.as_ref().map_or(Settings::DEFAULT, |r| Settings {
+            motion: r.motion,
+            gate: r.gate(),
+            seed,
+        });
         self.configure(Settings { seed, ..settings });
     }
 
     fn set_motion_noise(&mut self, noise: MotionNoise) {
         let running = self.running.get_or_insert_with(|| Running::new(Settings::DEFAULT));
-        running.settings.motion = noise;
+        running.motion = noise;
     }
 }
 

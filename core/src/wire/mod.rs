@@ -1,1 +1,69 @@
-//! Frames between board and host.
+//! Frames between board and host: the whole format, byte by byte.
+//!
+//! A link is two independent byte streams: the host sends [`Command`]s, the board sends
+//! [`Report`]s. Both speak of one space, planar or spatial, which [`Hello`] names; the types here
+//! are therefore generic over [`WireSpace`], and a frame carries no dimension.
+//!
+//! # From bytes to a frame
+//!
+//! ```text
+//! wire     = COBS( payload, CRC ) 00
+//! payload  = sequence(1) time(4) message
+//! CRC      = CRC-32/ISO-HDLC (zlib's) of the payload, 4 bytes, least significant first
+//! ```
+//!
+//! * **Delimiter.** `00` ends a frame and appears nowhere else. An empty frame (two delimiters in a
+//!   row) means nothing; a sender that lost its place sends one first.
+//! * **COBS** (consistent overhead byte stuffing). A code byte *c* is followed by *c* − 1 bytes that
+//!   are not zero; unless *c* = 255 or the frame ends there, a zero follows them in the content.
+//! * **sequence**: counts frames of this direction, wrapping at 256. A frame that is sent again
+//!   keeps its number.
+//! * **time**: microseconds of the sender's clock, 4 bytes, least significant first; wraps after
+//!   71.6 minutes.
+//! * **message**: the number of the variant of [`Command`] or [`Report`] as one byte, then its
+//!   fields in the order of their declaration, as *postcard* writes them:
+//!   * `u8`, `bool`: one byte (`bool` 0 or 1);
+//!   * `u16`, `u32`, `u64`: a varint, seven bits a byte from the lowest, the top bit set on all but
+//!     the last byte;
+//!   * `i32`: zig-zag (0, −1, 1, −2 … become 0, 1, 2, 3 …), then as a varint;
+//!   * `f32`: four bytes, IEEE 754, least significant first;
+//!   * `[T; N]` and nested structs: their elements, nothing between; an enum: one byte, the
+//!     number of the variant, then its fields; `Option`: 0, or 1 and the value;
+//!   * [`Fraction`]: two bytes, least significant first: an `i16` that stands for value / 32767;
+//!   * [`Clock`]: four bytes, least significant first.
+//!
+//! Sizes on the wire, delimiter included: a contact with a normal at most 23 (planar) or 28 bytes
+//! (spatial) while its coordinates stay within ±1.048 m; an estimate at most 63 or 127 bytes for
+//! the first two million grasps and up to 16 383 particles.
+//!
+//! Message 0 is `Hello` in both directions and its first field is the version of the protocol;
+//! that holds for every version, so that a receiver can always name the version it refuses.
+//!
+//! # Conversation
+//!
+//! The host sends one command and waits for the [`Reply`] that carries the command's sequence
+//! number before it sends the next; what the command asked for (`Hello`, `Estimate`, `Health`)
+//! comes before that reply. When nothing comes, the host sends the same frame again, and a board
+//! that has already obeyed it repeats its answer, byte for byte, without obeying twice. So a lost,
+//! damaged or doubled frame costs time and nothing else, and a UART without a FIFO never has to
+//! take a byte while it computes. Only `Hello` may start anew with any sequence number, and a
+//! board that has started obeys nothing before it.
+//!
+//! # What a receiver counts
+//!
+//! [`Decoder`] takes any bytes, never panics, holds at most one frame, and finds its place again at
+//! the next delimiter. [`Counters`] says how many frames were damaged and how, and how many were
+//! lost, doubled or late by their sequence numbers.
+
+mod codec;
+mod frame;
+mod quantity;
+
+pub use codec::{
+    Arrival, Counters, Decoder, EncodeError, FrameError, MAX_FRAME, Received, encode, seal, unseal,
+};
+pub use frame::{
+    BoardKind, Command, ContactFrame, EstimateFrame, Frame, FreeFrame, Health, Hello, MotionFrame,
+    PROTOCOL, Refusal, Reply, Report, Settings, Topic,
+};
+pub use quantity::{Clock, Field, Fraction, WireSpace};

@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::{Error, say};
 use crate::log::GraspLog;
+use crate::log::inspection::inspect_recording;
 
 mod log;
 use log::Summary;
@@ -14,7 +15,7 @@ use log::Summary;
 #[derive(Debug, Args)]
 #[command(after_help = "Example: tactile inspect box.jsonl --json")]
 pub struct InspectArgs {
-    /// A grasp log (.jsonl)
+    /// A grasp log (.jsonl) or a recording (.tac)
     file: PathBuf,
     /// Print figures as JSON
     #[arg(long)]
@@ -28,7 +29,11 @@ pub struct InspectArgs {
 pub fn run(args: &InspectArgs) -> Result<(), Error> {
     match args.file.extension().and_then(|e| e.to_str()) {
         Some("jsonl") => inspect_log(&args.file, args.json),
-        _ => Err(Error::Input(format!("{}: expected a grasp log (.jsonl)", args.file.display()))),
+        Some("tac") => inspect_tac(&args.file, args.json),
+        _ => Err(Error::Input(format!(
+            "{}: expected a grasp log (.jsonl) or a recording (.tac)",
+            args.file.display()
+        ))),
     }
 }
 
@@ -43,6 +48,20 @@ pub fn inspect_log(file: &Path, json: bool) -> Result<(), Error> {
         say(serde_json::to_string_pretty(&summary).map_err(Error::failure)?);
     } else {
         say(format_args!("{}\n{}", file.display(), summary.text().trim_end()));
+    }
+    Ok(())
+}
+
+/// Says what is in a recording.
+///
+/// # Errors
+/// When it is none.
+fn inspect_tac(file: &Path, json: bool) -> Result<(), Error> {
+    let inspection = inspect_recording(file).map_err(Error::input)?;
+    if json {
+        say(serde_json::to_string_pretty(&inspection.to_json()).map_err(Error::failure)?);
+    } else {
+        say(format_args!("{}\n{}", file.display(), inspection.to_string().trim_end()));
     }
     Ok(())
 }

@@ -4,8 +4,8 @@
 
 pub mod import;
 pub mod inspect;
-// pub mod live;
-// pub mod replay;
+pub mod live;
+pub mod replay;
 pub mod reproduce;
 pub mod simulate;
 pub mod slam;
@@ -27,8 +27,8 @@ enum Command {
     Slam(slam::SlamArgs),
     Simulate(simulate::SimulateArgs),
     Import(import::ImportArgs),
-    // Live(live::LiveArgs),
-    // Replay(replay::ReplayArgs),
+    Live(live::LiveArgs),
+    Replay(replay::ReplayArgs),
     Inspect(inspect::InspectArgs),
     Reproduce(reproduce::ReproduceArgs),
 }
@@ -40,8 +40,8 @@ impl Cli {
             Command::Slam(args) => slam::run(args),
             Command::Simulate(args) => simulate::run(args),
             Command::Import(args) => import::run(args),
-            // Command::Live(args) => live::run(args),
-            // Command::Replay(args) => replay::run(args),
+            Command::Live(args) => live::run(args),
+            Command::Replay(args) => replay::run(args),
             Command::Inspect(args) => inspect::run(args),
             Command::Reproduce(args) => reproduce::run(args),
         };

@@ -1,6 +1,6 @@
 //! `tactile slam`: a grasp log in, shape and poses out.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
@@ -69,18 +69,23 @@ pub enum Poses {
 const BUNDLED: &str = include_str!("../../assets/bundled.jsonl");
 const BUNDLED_NAME: &str = "bundled recording";
 
-/// Runs the subcommand.
-///
-/// # Errors
-/// Bad input before anything is written; unwritable results.
-pub fn run(args: &SlamArgs) -> Result<(), Error> {
-    let (log, name) = match &args.log {
+/// The log and its name; without a path, the bundled one.
+pub(super) fn read_or_bundled(path: Option<&Path>) -> Result<(GraspLog, String), Error> {
+    Ok(match path {
         Some(path) => (GraspLog::read(path).map_err(Error::input)?, path.display().to_string()),
         None => (
             GraspLog::parse(BUNDLED.as_bytes(), BUNDLED_NAME.as_ref()).map_err(Error::input)?,
             BUNDLED_NAME.to_owned(),
         ),
-    };
+    })
+}
+
+/// Runs the subcommand.
+///
+/// # Errors
+/// Bad input before anything is written; unwritable results.
+pub fn run(args: &SlamArgs) -> Result<(), Error> {
+    let (log, name) = read_or_bundled(args.log.as_deref())?;
     let truth = true_shape(&log).unwrap_or_else(|error| {
         eprintln!("warning: {name}: {error}; errors against the truth are left out");
         None

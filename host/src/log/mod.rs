@@ -4,8 +4,10 @@
 //! [`GraspLog::read`] for what is checked.
 
 pub mod import;
+pub mod inspection;
 pub mod read;
 pub mod recording;
+pub mod replayed;
 pub mod write;
 
 use std::path::PathBuf;

@@ -1,1 +1,315 @@
-//! (being written)
+//! Recordings (`*.tac`): the frames of a link, both directions, with the host's time.
+//!
+//! A file is a sequence of pieces, each sealed like a frame on the wire: content and CRC-32,
+//! COBS-stuffed, ended by a zero byte ([`tactile_core::wire::seal`]). The first byte of the content
+//! says what follows:
+//!
+//! | byte | content |
+//! |---|---|
+//! | 0 | the header, once and first: JSON with `format` "tactile-recording", `version` 1, `protocol`, `dimension`, `fingers`, `description` |
+//! | 1 | microseconds since the start (8 bytes, least significant first), then bytes from the board as they came |
+//! | 2 | the same, bytes to the board |
+//!
+//! Pieces are only ever appended, so that a crash costs at most the piece being written: the reader
+//! reports and skips a torn last piece, and any damaged one. The pieces of one direction, joined,
+//! are the link's bytes exactly, damaged frames included.
+
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use serde_json::{Map, Value, json};
+use tactile_core::wire::{PROTOCOL, seal, unseal};
+
+const FORMAT: &str = "tactile-recording";
+const VERSION: u64 = 1;
+/// Kind, time, stuffing, CRC and delimiter of a piece.
+const OVERHEAD: usize = 32;
+
+/// Which way bytes went.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// Board to host.
+    FromBoard,
+    /// Host to board.
+    ToBoard,
+}
+
+/// What a recording is of.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Header {
+    /// Version of the wire protocol.
+    pub protocol: u8,
+    /// 2 or 3.
+    pub dimension: usize,
+    /// Names of the fingers.
+    pub fingers: Vec<String>,
+    /// What it is, in words.
+    pub description: String,
+}
+
+impl Header {
+    /// A header of this program's protocol.
+    pub fn new(dimension: usize, fingers: Vec<String>, description: String) -> Self {
+        Header { protocol: PROTOCOL, dimension, fingers, description }
+    }
+
+    fn to_json(&self) -> Value {
+        json!({
+            "format": FORMAT, "version": VERSION, "protocol": self.protocol,
+            "dimension": self.dimension, "fingers": self.fingers, "description": self.description,
+        })
+    }
+
+    fn from_json(content: &[u8]) -> Result<Self, String> {
+        let fields: Map<String, Value> =
+            serde_json::from_slice(content).map_err(|e| format!("the header is no object: {e}"))?;
+        let whole = |name: &str| fields.get(name).and_then(Value::as_u64);
+        let text = |name: &str| fields.get(name).and_then(Value::as_str);
+        if text("format") != Some(FORMAT) {
+            return Err(format!("field `format`: expected \"{FORMAT}\""));
+        }
+        match whole("version") {
+            Some(VERSION) => {}
+            Some(other) => return Err(format!("version {other}, this program reads {VERSION}")),
+            None => return Err("field `version`: expected a number".into()),
+        }
+        let protocol = match whole("protocol") {
+            Some(p) if p == u64::from(PROTOCOL) => PROTOCOL,
+            Some(p) => return Err(format!("protocol {p}, this program speaks {PROTOCOL}")),
+            None => return Err("field `protocol`: expected a number".into()),
+        };
+        let dimension = match whole("dimension") {
+            Some(2) => 2,
+            Some(3) => 3,
+            _ => return Err("field `dimension`: expected 2 or 3".into()),
+        };
+        let fingers = fields.get("fingers").and_then(Value::as_array);
+        let names = fingers.into_iter().flatten().filter_map(Value::as_str);
+        Ok(Header {
+            protocol,
+            dimension,
+            fingers: names.map(str::to_owned).collect(),
+            description: text("description").unwrap_or_default().to_owned(),
+        })
+    }
+}
+
+/// Appends pieces to a file; every piece is handed to the file at once.
+pub struct RecordingWriter<W: Write> {
+    file: W,
+    sealed: Vec<u8>,
+    content: Vec<u8>,
+}
+
+impl<W: Write> RecordingWriter<W> {
+    /// Writes the header.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn new(file: W, header: &Header) -> io::Result<Self> {
+        let mut writer = RecordingWriter { file, sealed: Vec::new(), content: Vec::new() };
+        writer.content.push(0);
+        writer.content.extend(header.to_json().to_string().as_bytes());
+        writer.put()?;
+        Ok(writer)
+    }
+
+    /// Appends bytes that passed `time` after the start.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn append(&mut self, time: Duration, way: Direction, bytes: &[u8]) -> io::Result<()> {
+        self.content.clear();
+        self.content.push(match way {
+            Direction::FromBoard => 1,
+            Direction::ToBoard => 2,
+        });
+        self.content.extend((time.as_micros() as u64).to_le_bytes());
+        self.content.extend(bytes);
+        self.put()
+    }
+
+    fn put(&mut self) -> io::Result<()> {
+        self.sealed.resize(self.content.len() + self.content.len() / 254 + OVERHEAD, 0);
+        let piece = seal(&self.content, &mut self.sealed)
+            .ok_or_else(|| io::Error::other("a piece did not fit its buffer"))?;
+        self.file.write_all(piece)?;
+        self.file.flush()
+    }
+}
+
+/// Why a file is not a recording.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// The file system refused.
+    #[error("{}: cannot read: {source}", file.display())]
+    Read {
+        /// The file.
+        file: PathBuf,
+        /// The system's answer.
+        source: io::Error,
+    },
+    /// It does not start with a header.
+    #[error("{}: not a recording: {problem}", file.display())]
+    Header {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong and what was expected.
+        problem: String,
+    },
+}
+
+/// Bytes that passed in one piece.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Piece {
+    /// Since the start of the recording.
+    pub time: Duration,
+    /// Which way.
+    pub way: Direction,
+    /// As they passed.
+    pub bytes: Vec<u8>,
+}
+
+/// A recording in memory.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recording {
+    /// What it is of.
+    pub header: Header,
+    /// What passed, in order.
+    pub pieces: Vec<Piece>,
+    /// Bytes of an unfinished last piece, which was skipped.
+    pub torn: usize,
+    /// Pieces in the middle that could not be read, which were skipped.
+    pub damaged: usize,
+}
+
+impl Recording {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// When it cannot be read or does not start with a whole header of this version.
+    pub fn read(path: &Path) -> Result<Self, RecordingError> {
+        let bytes = std::fs::read(path)
+            .map_err(|source| RecordingError::Read { file: path.into(), source })?;
+        Self::parse(&bytes).map_err(|problem| RecordingError::Header { file: path.into(), problem })
+    }
+
+    /// Reads the bytes of a file; the error says what is wrong with the header.
+    ///
+    /// # Errors
+    /// When they do not start with a whole header of this version.
+    pub fn parse(bytes: &[u8]) -> Result<Self, String> {
+        let (mut header, mut pieces, mut torn, mut damaged) = (None, Vec::new(), 0, 0);
+        for sealed in bytes.split_inclusive(|&b| b == 0) {
+            let Some((0, body)) = sealed.split_last() else {
+                torn = sealed.len();
+                break;
+            };
+            let mut body = body.to_vec();
+            let content = unseal(&mut body).ok().and_then(<[u8]>::split_first);
+            match (content, &header) {
+                (Some((0, content)), None) => header = Some(Header::from_json(content)?),
+                (_, None) => return Err("it does not start with a header".into()),
+                (Some((&kind @ 1..=2, rest)), Some(_)) if rest.len() >= 8 => {
+                    let (time, bytes) = rest.split_at(8);
+                    let time = time.iter().rev().fold(0, |t, &b| t << 8 | u64::from(b));
+                    pieces.push(Piece {
+                        time: Duration::from_micros(time),
+                        way: if kind == 1 { Direction::FromBoard } else { Direction::ToBoard },
+                        bytes: bytes.to_vec(),
+                    });
+                }
+                _ => damaged += 1,
+            }
+        }
+        let header = header.ok_or(if bytes.is_empty() {
+            "it is empty"
+        } else {
+            "it ends within its header"
+        })?;
+        Ok(Recording { header, pieces, torn, damaged })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn write(pieces: &[(u64, bool, Vec<u8>)]) -> (Vec<u8>, Vec<usize>) {
+        let header = Header::new(3, vec!["thumb".into()], "a test".into());
+        let mut bytes = Vec::new();
+        let mut ends = Vec::new();
+        RecordingWriter::new(&mut bytes, &header).unwrap();
+        ends.push(bytes.len());
+        for (time, from, content) in pieces {
+            let mut writer =
+                RecordingWriter { file: &mut bytes, sealed: Vec::new(), content: Vec::new() };
+            let way = if *from { Direction::FromBoard } else { Direction::ToBoard };
+            writer.append(Duration::from_micros(*time), way, content).unwrap();
+            ends.push(bytes.len());
+        }
+        (bytes, ends)
+    }
+
+    fn pieces() -> impl Strategy<Value = Vec<(u64, bool, Vec<u8>)>> {
+        let bytes = proptest::collection::vec(prop_oneof![Just(0u8), any::<u8>()], 0..300);
+        proptest::collection::vec((any::<u64>(), any::<bool>(), bytes), 0..8)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(48))]
+
+        #[test]
+        fn a_crash_at_any_byte_costs_the_last_piece(pieces in pieces()) {
+            let (bytes, ends) = write(&pieces);
+            for cut in 0..=bytes.len() {
+                let read = Recording::parse(&bytes[..cut]);
+                let whole = ends.iter().filter(|&&end| end <= cut).count();
+                if whole == 0 {
+                    prop_assert!(read.is_err());
+                    continue;
+                }
+                let read = read.unwrap();
+                prop_assert_eq!(&read.header.description, "a test");
+                prop_assert_eq!((read.pieces.len(), read.damaged), (whole - 1, 0));
+                prop_assert_eq!(read.torn, cut - ends[whole - 1]);
+                for (piece, (time, from, content)) in read.pieces.iter().zip(&pieces) {
+                    prop_assert_eq!(piece.time, Duration::from_micros(*time));
+                    prop_assert_eq!(piece.way == Direction::FromBoard, *from);
+                    prop_assert_eq!(&piece.bytes, content);
+                }
+            }
+        }
+
+        #[test]
+        fn damage_costs_the_pieces_it_hits(pieces in pieces(), at in any::<prop::sample::Index>(), bits in 1u8..) {
+            let (mut bytes, ends) = write(&pieces);
+            prop_assume!(!pieces.is_empty());
+            let at = ends[0] + at.index(bytes.len() - ends[0]);
+            bytes[at] ^= bits;
+            let read = Recording::parse(&bytes).unwrap();
+            // At most two: when a delimiter is hit, two pieces become one.
+            prop_assert!(read.pieces.len() + 2 >= pieces.len());
+            prop_assert!(read.damaged > 0 || read.torn > 0);
+        }
+
+        #[test]
+        fn other_bytes_are_refused(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
+            prop_assert!(Recording::parse(&bytes).is_err());
+        }
+    }
+
+    #[test]
+    fn headers_are_checked() {
+        let refuse = |text: &str| Header::from_json(text.as_bytes()).unwrap_err();
+        let good = Header::new(2, vec![], String::new()).to_json().to_string();
+        assert!(Header::from_json(good.as_bytes()).is_ok());
+        assert!(refuse("[]").contains("object"));
+        assert!(refuse("{}").contains("format"));
+        assert!(refuse(&good.replace("\"version\":1", "\"version\":9")).contains('9'));
+        assert!(refuse(&good.replace("\"protocol\":1", "\"protocol\":77")).contains("77"));
+        assert!(refuse(&good.replace("\"dimension\":2", "\"dimension\":4")).contains("2 or 3"));
+    }
+}

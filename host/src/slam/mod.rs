@@ -24,7 +24,13 @@ const LEAST_NORMAL_DEVIATION: f64 = 0.0087;
 /// What the models assume of one contact: deviations of the point (metres) and of the normal
 /// (radians).
 pub fn deviations(contact: &LoggedContact, noise: &Noise) -> (f64, f64) {
+    let (point, normal) = usual_deviations(noise);
+    (point, contact.normal_noise.map_or(normal, |n| n.max(LEAST_NORMAL_DEVIATION)))
+}
+
+/// The same for a contact that says nothing of its own.
+pub fn usual_deviations(noise: &Noise) -> (f64, f64) {
     let point = noise.point.unwrap_or(POINT_DEVIATION);
-    let normal = contact.normal_noise.or(noise.normal).unwrap_or(NORMAL_DEVIATION);
+    let normal = noise.normal.unwrap_or(NORMAL_DEVIATION);
     (point.max(LEAST_POINT_DEVIATION), normal.max(LEAST_NORMAL_DEVIATION))
 }

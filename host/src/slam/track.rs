@@ -63,22 +63,27 @@ impl Step {
 
     /// From what the core reports.
     pub fn from_estimate<S: Bridge>(estimate: &Estimate<S>) -> Self {
-        let axes: &[usize] = if S::DIMENSION == 2 { &[0, 1, 5] } else { &[0, 1, 2, 3, 4, 5] };
-        let mut covariance = Matrix6::zeros();
-        for (i, &row) in axes.iter().enumerate() {
-            for (j, &column) in axes.iter().enumerate() {
-                covariance[(row, column)] = f64::from(estimate.covariance.at(i, j));
-            }
-        }
         Step {
             pose: S::isometry(&estimate.pose),
-            covariance,
+            covariance: six_by_six::<S>(&estimate.covariance),
             effective_particles: f64::from(estimate.effective_particles),
             corrected: estimate.corrected,
             observed: estimate.observability.rank(),
             contacts: [estimate.contacts, estimate.rejected, estimate.dropped].map(usize::from),
         }
     }
+}
+
+/// A core covariance in the axes of [`Step::covariance`].
+pub fn six_by_six<S: Bridge>(core: &S::Covariance) -> Matrix6<f64> {
+    let axes: &[usize] = if S::DIMENSION == 2 { &[0, 1, 5] } else { &[0, 1, 2, 3, 4, 5] };
+    let mut covariance = Matrix6::zeros();
+    for (i, &row) in axes.iter().enumerate() {
+        for (j, &column) in axes.iter().enumerate() {
+            covariance[(row, column)] = f64::from(core.at(i, j));
+        }
+    }
+    covariance
 }
 
 /// The log has no true pose where one was asked for.

@@ -1,0 +1,296 @@
+use std::vec::Vec;
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::contact::{Contact, GraspView};
+use crate::matrix::{Square, Vector};
+use crate::space::{Planar, PlanarPose, Pose};
+use crate::track::{Estimate, Observability};
+
+/// Composes the motions and counts what it is given.
+struct Counting {
+    pose: PlanarPose,
+    grasps: u32,
+    seed: u64,
+    noise: MotionNoise,
+    prepared: u32,
+}
+
+impl Counting {
+    fn new() -> Self {
+        Counting {
+            pose: PlanarPose::IDENTITY,
+            grasps: 0,
+            seed: 0,
+            noise: MotionNoise { translation: 0.0, rotation: 0.0 },
+            prepared: 0,
+        }
+    }
+}
+
+impl Tracker<Planar> for Counting {
+    fn update(
+        &mut self,
+        motion: Option<&PlanarPose>,
+        grasp: GraspView<'_, Planar>,
+    ) -> Estimate<Planar> {
+        if let Some(motion) = motion {
+            self.pose = motion.compose(&self.pose);
+        }
+        self.grasps += 1;
+        Estimate {
+            grasp: self.grasps - 1,
+            pose: self.pose,
+            covariance: Square::ZERO,
+            effective_particles: self.seed as f32,
+            observability: Observability::NONE,
+            contacts: grasp.contacts.len() as u16,
+            rejected: grasp.free.len() as u16,
+            dropped: 0,
+            corrected: true,
+            resampled: false,
+        }
+    }
+
+    fn reset(&mut self, seed: u64) {
+        self.pose = PlanarPose::IDENTITY;
+        self.grasps = 0;
+        self.seed = seed;
+    }
+
+    fn set_motion_noise(&mut self, noise: MotionNoise) {
+        self.noise = noise;
+    }
+}
+
+impl Onboard<Planar> for Counting {
+    const MAP: usize = 40;
+    const PARTICLES: usize = 300;
+
+    fn prepare(&mut self) {
+        self.prepared += 1;
+    }
+}
+
+/// Keeps what is sent; every look at the clock takes a microsecond.
+#[derive(Default)]
+struct Bench {
+    clock: u32,
+    sent: Vec<u8>,
+}
+
+impl Board for Bench {
+    const KIND: BoardKind = BoardKind::Virtual;
+
+    fn now(&mut self) -> u32 {
+        self.clock += 1;
+        self.clock
+    }
+
+    fn receive(&mut self, _: &mut [u8]) -> usize {
+        0
+    }
+
+    fn send(&mut self, bytes: &[u8]) {
+        self.sent.extend_from_slice(bytes);
+    }
+
+    fn vitals(&mut self) -> Vitals {
+        Vitals { overruns: 1, peak_stack: 2, stack: 3 }
+    }
+}
+
+struct Rig {
+    device: Device<Counting, Planar, 3>,
+    board: Bench,
+    decoder: Decoder<Report<Planar>>,
+    next: u8,
+}
+
+impl Rig {
+    /// A device that has just started.
+    fn cold() -> Self {
+        Rig {
+            device: Device::new(Counting::new()),
+            board: Bench::default(),
+            decoder: Decoder::new(),
+            next: 0,
+        }
+    }
+
+    /// A device that has been greeted.
+    fn new() -> Self {
+        let mut rig = Rig::cold();
+        rig.send(0, Command::Hello { protocol: PROTOCOL });
+        rig
+    }
+
+    fn send(&mut self, sequence: u8, message: Command<Planar>) -> Vec<Report<Planar>> {
+        let mut buffer = [0; MAX_FRAME];
+        let frame = Frame { sequence, time: Clock(0), message };
+        self.device.take(encode(&frame, &mut buffer).unwrap(), &mut self.board);
+        self.reports()
+    }
+
+    fn reports(&mut self) -> Vec<Report<Planar>> {
+        let sent = std::mem::take(&mut self.board.sent);
+        sent.iter()
+            .filter_map(|&b| self.decoder.push(b))
+            .map(|r| r.unwrap().frame.message)
+            .collect()
+    }
+
+    fn say(&mut self, message: Command<Planar>) -> Vec<Report<Planar>> {
+        self.next += 1;
+        self.send(self.next, message)
+    }
+
+    fn health(&mut self) -> Health {
+        match self.say(Command::Query(Topic::Health))[..] {
+            [Report::Health(health), Report::Reply(Reply { refusal: None, .. })] => health,
+            ref other => panic!("{other:?}"),
+        }
+    }
+}
+
+fn motion(x: f32) -> Command<Planar> {
+    Command::Motion(crate::wire::MotionFrame::new(&PlanarPose::new(Vector([x, 0.0]), 0.0)))
+}
+
+fn contact() -> Command<Planar> {
+    Command::Contact(crate::wire::ContactFrame::new(
+        &Contact {
+            point: Vector([0.1, 0.2]),
+            normal: None,
+            point_deviation: 1e-3,
+            normal_deviation: 0.1,
+            finger: 0,
+        },
+        0.1,
+    ))
+}
+
+fn done(to: u8) -> Report<Planar> {
+    Report::Reply(Reply { to, refusal: None })
+}
+
+fn refused(to: u8, refusal: Refusal) -> Report<Planar> {
+    Report::Reply(Reply { to, refusal: Some(refusal) })
+}
+
+#[test]
+fn introduces_itself() {
+    let mut rig = Rig::cold();
+    rig.device.announce(&mut rig.board);
+    let unasked = rig.reports();
+    let asked = rig.send(9, Command::Hello { protocol: PROTOCOL });
+    let [Report::Hello(hello), reply] = asked[..] else { panic!("{asked:?}") };
+    assert_eq!((unasked, reply), (std::vec![Report::Hello(hello)], done(9)));
+    assert_eq!((hello.dimension, hello.contacts, hello.map, hello.particles), (2, 3, 40, 300));
+    // Asked again with the number it was asked with, it answers again.
+    assert_eq!(rig.send(9, Command::Hello { protocol: PROTOCOL }), asked);
+}
+
+#[test]
+fn a_board_that_has_started_obeys_nobody_before_a_greeting() {
+    let mut rig = Rig::cold();
+    assert_eq!(rig.say(Command::Commit), [refused(1, Refusal::NotGreeted)]);
+    assert_eq!(rig.say(Command::Ping), [refused(2, Refusal::NotGreeted)]);
+    assert_eq!(rig.device.tracker.grasps, 0);
+    rig.say(Command::Hello { protocol: PROTOCOL });
+    assert_eq!(rig.say(Command::Ping), [done(4)]);
+}
+
+#[test]
+fn refuses_another_version_by_name() {
+    let mut rig = Rig::new();
+    let answer = rig.send(4, Command::Hello { protocol: PROTOCOL + 1 });
+    assert!(matches!(answer[0], Report::Hello(Hello { protocol: PROTOCOL, .. })));
+    assert_eq!(answer[1], refused(4, Refusal::Version));
+}
+
+#[test]
+fn a_grasp_is_collected_and_answered() {
+    let mut rig = Rig::new();
+    let settings = Settings { seed: 77, ..Settings::DEFAULT };
+    assert_eq!(rig.say(Command::Configure(settings)), [done(1)]);
+    assert_eq!(rig.device.tracker.noise, MotionNoise::THESIS);
+    for (n, x) in [(0, 0.25), (1, 0.5)] {
+        rig.say(motion(x));
+        rig.say(contact());
+        rig.say(contact());
+        rig.say(Command::Free(crate::wire::FreeFrame { finger: 0, point: [1, 2] }));
+        let answer = rig.say(Command::Commit);
+        let [Report::Estimate(e), Report::Health(h), Report::Reply(_)] = answer[..] else {
+            panic!("{answer:?}")
+        };
+        assert_eq!((e.grasp, e.contacts, e.rejected, e.effective_particles), (n, 2, 1, 77));
+        assert_eq!(e.pose().unwrap().translation()[0], if n == 0 { 0.25 } else { 0.75 });
+        assert_eq!((h.grasps, h.update, h.peak_stack, h.overruns), (n + 1, 1, 2, 1));
+        let again = rig.say(Command::Query(Topic::Estimate));
+        assert_eq!(again[0], Report::Estimate(e));
+    }
+    rig.say(Command::Reset);
+    assert_eq!((rig.device.tracker.grasps, rig.device.tracker.prepared), (0, 1));
+    let to = rig.next + 1;
+    assert_eq!(rig.say(Command::Query(Topic::Estimate)), [refused(to, Refusal::NoEstimate)]);
+}
+
+#[test]
+fn what_is_sent_twice_is_obeyed_once() {
+    let mut rig = Rig::new();
+    rig.send(1, motion(0.5));
+    assert_eq!(rig.send(1, motion(0.5)), [done(1)]);
+    rig.send(2, contact());
+    rig.send(2, contact());
+    let first = rig.send(3, Command::Commit);
+    let before = rig.device.tracker.grasps;
+    assert_eq!(rig.send(3, Command::Commit), first);
+    // Late or long past: no answer, nothing done.
+    assert_eq!(rig.send(2, contact()), []);
+    assert_eq!(rig.send(255, Command::Reset), []);
+    assert_eq!(rig.device.tracker.grasps, before);
+    let Report::Estimate(e) = first[0] else { panic!("{first:?}") };
+    assert_eq!(e.contacts, 1);
+}
+
+#[test]
+fn nonsense_is_refused_and_counted() {
+    let mut rig = Rig::new();
+    let bad = Settings { point: 0.0, ..Settings::DEFAULT };
+    assert_eq!(rig.say(Command::Configure(bad)), [refused(1, Refusal::Settings)]);
+    assert_eq!(rig.say(motion(f32::NAN)), [refused(2, Refusal::Motion)]);
+    assert_eq!(rig.say(motion(0.5)), [done(3)]);
+    assert_eq!(rig.say(motion(7.0)), [refused(4, Refusal::MotionTwice)]);
+    for n in 5..8 {
+        assert_eq!(rig.say(contact()), [done(n)]);
+    }
+    assert_eq!(rig.say(contact()), [refused(8, Refusal::Full)]);
+    let committed = rig.say(Command::Commit);
+    let Report::Estimate(e) = committed[0] else { panic!("{committed:?}") };
+    assert_eq!((e.contacts, e.pose().unwrap().translation()[0]), (3, 0.5));
+    // Nothing felt, nothing moved: the tracker decides what an empty grasp means.
+    let empty = rig.say(Command::Commit);
+    assert!(matches!(empty[0], Report::Estimate(e) if e.grasp == 1 && e.contacts == 0));
+    let health = rig.health();
+    assert_eq!((health.refused, health.overfull, health.empty, health.grasps), (4, 1, 1, 2));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(128))]
+
+    #[test]
+    fn noise_is_survived_and_counted(noise in proptest::collection::vec(any::<u8>(), 0..600)) {
+        let mut rig = Rig::new();
+        rig.send(1, motion(0.5));
+        rig.device.take(&noise, &mut rig.board);
+        rig.device.take(&[0], &mut rig.board);
+        rig.reports();
+        prop_assert_eq!(rig.send(2, Command::Ping), [done(2)]);
+        let health = rig.send(3, Command::Query(Topic::Health));
+        let Report::Health(health) = health[0] else { panic!("{health:?}") };
+        let pieces = noise.split(|&b| b == 0).filter(|p| !p.is_empty()).count();
+        prop_assert_eq!(health.received.damaged() as usize, pieces);
+    }
+}

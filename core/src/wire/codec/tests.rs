@@ -1,0 +1,420 @@
+use std::format;
+use std::string::String;
+use std::vec::Vec;
+
+use proptest::prelude::*;
+
+use super::super::*;
+use crate::contact::{Contact, FreePoint};
+use crate::matrix::{Coordinates, Matrix, Vector};
+use crate::space::{Planar, PlanarPose, Pose, Spatial, SpatialPose};
+use crate::track::{Estimate, Observability};
+
+fn wire<M: serde::Serialize>(sequence: u8, time: u32, message: M) -> Vec<u8> {
+    let mut buffer = [0; MAX_FRAME];
+    encode(&Frame { sequence, time: Clock(time), message }, &mut buffer).unwrap().to_vec()
+}
+
+fn decode_all<M: serde::de::DeserializeOwned>(
+    bytes: &[u8],
+) -> (Decoder<M>, Vec<Result<Received<M>, FrameError>>) {
+    let mut decoder = Decoder::new();
+    let frames = bytes.iter().filter_map(|&b| decoder.push(b)).collect();
+    (decoder, frames)
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+fn contact() -> Contact<Spatial> {
+    Contact {
+        point: Vector([1.04, -1.04, 1.04]),
+        normal: Some(Vector([0.36, -0.48, 0.8])),
+        point_deviation: 1e-3,
+        normal_deviation: 0.3,
+        finger: 4,
+    }
+}
+
+fn planar_contact() -> Contact<Planar> {
+    Contact {
+        point: Vector([-1.04, 1.04]),
+        normal: Some(Vector([0.6, -0.8])),
+        point_deviation: 1e-3,
+        normal_deviation: 0.3,
+        finger: 4,
+    }
+}
+
+fn spatial_estimate(grasp: u32) -> Estimate<Spatial> {
+    let mut covariance = Matrix::<6>([[0.0; 6]; 6]);
+    for i in 0..6 {
+        for j in 0..6 {
+            covariance.0[i][j] = if i == j { 1e-6 * (i + 1) as f32 } else { 2e-7 };
+        }
+    }
+    Estimate {
+        grasp,
+        pose: SpatialPose::new(Vector([0.1, -0.2, 0.3]), [0.1, 0.2, -0.3, 0.9]),
+        covariance,
+        effective_particles: 16_383.0,
+        observability: Observability {
+            eigenvalues: Vector([0.001, 0.1, 0.3, 0.5, 0.9, 1.9]),
+            ..Observability::NONE
+        },
+        contacts: 5,
+        rejected: 1,
+        dropped: 2,
+        corrected: true,
+        resampled: true,
+    }
+}
+
+fn planar_estimate(grasp: u32) -> Estimate<Planar> {
+    Estimate {
+        grasp,
+        pose: PlanarPose::new(Vector([0.1, -0.2]), 2.5),
+        covariance: Matrix([[4e-6, 1e-6, 0.0], [1e-6, 1e-6, -1e-7], [0.0, -1e-7, 1e-4]]),
+        effective_particles: 16_383.0,
+        observability: Observability {
+            eigenvalues: Vector([0.001, 0.1, 1.9]),
+            ..Observability::NONE
+        },
+        contacts: 5,
+        rejected: 0,
+        dropped: 0,
+        corrected: true,
+        resampled: false,
+    }
+}
+
+const HELLO: Hello = Hello {
+    protocol: PROTOCOL,
+    firmware: [0, 1, 0],
+    board: BoardKind::Stm32f405,
+    dimension: 3,
+    contacts: 16,
+    map: 64,
+    particles: 300,
+};
+
+fn health() -> Health {
+    Health {
+        received: Counters {
+            frames: 1,
+            oversize: 2,
+            cobs: 3,
+            crc: 4,
+            malformed: 5,
+            version: 6,
+            lost: 7,
+            doubled: 8,
+            late: 9,
+        },
+        overruns: 10,
+        refused: 11,
+        overfull: 12,
+        empty: 13,
+        grasps: 14,
+        peak_stack: 7_000,
+        stack: 40_000,
+        update: 150_000,
+        worst_update: 200_000,
+    }
+}
+
+/// Every message once, with the bytes it has on the wire.
+fn golden() -> Vec<(&'static str, Vec<u8>)> {
+    let settings = Settings { seed: 300, ..Settings::DEFAULT };
+    let motion = SpatialPose::new(Vector([0.01, 0.0, -0.02]), [0.0, 0.0, 0.6, 0.8]);
+    let free = FreePoint { point: Vector([0.0, 0.000_064, -0.000_001]), finger: 1 };
+    let planar_free = FreePoint { point: Vector([0.001, -0.001]), finger: 0 };
+    let unusual = ContactFrame::new(&contact(), 0.1);
+    let usual = ContactFrame::new(&planar_contact(), 0.3);
+    let bare = ContactFrame::new(&Contact { normal: None, ..contact() }, 0.1);
+    type C = Command<Spatial>;
+    type R = Report<Spatial>;
+    std::vec![
+        ("hello command", wire(0, 0, C::Hello { protocol: PROTOCOL })),
+        ("ping", wire(1, 1, C::Ping)),
+        ("configure", wire(2, 0x0102_0304, C::Configure(settings))),
+        ("reset", wire(3, u32::MAX, C::Reset)),
+        ("motion 3d", wire(4, 4, C::Motion(MotionFrame::new(&motion)))),
+        (
+            "motion 2d",
+            wire(4, 4, Command::<Planar>::Motion(MotionFrame::new(&PlanarPose::IDENTITY))),
+        ),
+        ("contact 3d", wire(5, u32::MAX, C::Contact(unusual))),
+        ("contact 3d without normal", wire(5, 5, C::Contact(bare))),
+        ("contact 2d", wire(5, u32::MAX, Command::<Planar>::Contact(usual))),
+        ("free 3d", wire(6, 6, C::Free(FreeFrame::new(&free)))),
+        ("free 2d", wire(6, 6, Command::<Planar>::Free(FreeFrame::new(&planar_free)))),
+        ("commit", wire(7, 7, C::Commit)),
+        ("query estimate", wire(8, 8, C::Query(Topic::Estimate))),
+        ("query health", wire(8, 8, C::Query(Topic::Health))),
+        ("hello report", wire(9, 9, R::Hello(HELLO))),
+        ("reply", wire(10, 10, R::Reply(Reply { to: 5, refusal: None }))),
+        ("refusal", wire(11, 11, R::Reply(Reply { to: 5, refusal: Some(Refusal::Full) }))),
+        (
+            "estimate 3d",
+            wire(12, u32::MAX, R::Estimate(EstimateFrame::new(&spatial_estimate(2_000_000)))),
+        ),
+        (
+            "estimate 2d",
+            wire(
+                12,
+                u32::MAX,
+                Report::<Planar>::Estimate(EstimateFrame::new(&planar_estimate(2_000_000))),
+            ),
+        ),
+        ("health", wire(13, 13, R::Health(health()))),
+    ]
+}
+
+#[test]
+fn bytes_do_not_change_by_accident() {
+    let now: String = golden().iter().map(|(name, b)| format!("{name}: {}\n", hex(b))).collect();
+    assert_eq!(now, include_str!("golden.txt"), "the format changed: raise PROTOCOL\n{now}");
+}
+
+#[test]
+fn frames_stay_within_budget() {
+    let length = |name| golden().iter().find(|(n, _)| *n == name).unwrap().1.len();
+    assert!(length("contact 2d") <= 23);
+    assert!(length("contact 3d") <= 28);
+    assert!(length("estimate 2d") <= 63);
+    assert!(length("estimate 3d") <= 127);
+    // The largest messages there can be still fit.
+    let mut worst = health();
+    let u = u32::MAX;
+    worst.received = Counters {
+        frames: u,
+        oversize: u,
+        cobs: u,
+        crc: u,
+        malformed: u,
+        version: u,
+        lost: u,
+        doubled: u,
+        late: u,
+    };
+    worst = Health {
+        overruns: u,
+        refused: u,
+        overfull: u,
+        empty: u,
+        grasps: u,
+        peak_stack: u,
+        stack: u,
+        update: u,
+        worst_update: u,
+        ..worst
+    };
+    assert!(wire(255, u, Report::<Spatial>::Health(worst)).len() <= MAX_FRAME);
+    let mut estimate = spatial_estimate(u);
+    estimate.effective_particles = 1e9;
+    assert!(
+        wire(255, u, Report::<Spatial>::Estimate(EstimateFrame::new(&estimate))).len() <= MAX_FRAME
+    );
+}
+
+#[test]
+fn every_message_comes_back() {
+    let bytes: Vec<u8> = golden()
+        .into_iter()
+        .filter(|(n, _)| ["estimate 3d", "hello report", "health", "refusal", "reply"].contains(n))
+        .flat_map(|(_, b)| b)
+        .collect();
+    let (_, frames) = decode_all::<Report<Spatial>>(&bytes);
+    let messages: Vec<_> = frames.into_iter().map(|f| f.unwrap().frame.message).collect();
+    assert_eq!(messages[0], Report::Hello(HELLO));
+    assert_eq!(messages[2], Report::Reply(Reply { to: 5, refusal: Some(Refusal::Full) }));
+    assert_eq!(messages[4], Report::Health(health()));
+    let Report::Estimate(estimate) = messages[3] else { panic!("{:?}", messages[3]) };
+    let sent = spatial_estimate(2_000_000);
+    let error = sent.pose.local(&estimate.pose().unwrap());
+    assert!(error.norm() < 1e-6, "{error:?}");
+    assert_eq!((estimate.grasp, estimate.effective_particles), (2_000_000, 16_383));
+    assert!(estimate.corrected() && estimate.resampled());
+    for i in 0..6 {
+        for j in 0..6 {
+            let (a, b) = (estimate.covariance().0[i][j], sent.covariance.0[i][j]);
+            assert!((a - b).abs() < 5e-10, "{i} {j} {a} {b}");
+        }
+        assert!((estimate.eigenvalues()[i] - sent.observability.eigenvalues[i]).abs() < 1e-4);
+    }
+    assert_eq!(estimate.weakest(), Vector([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]));
+}
+
+#[test]
+fn a_contact_keeps_its_own_noise_or_takes_the_usual() {
+    let settings = Settings { normal: 0.1, point: 2e-3, ..Settings::DEFAULT };
+    let own = ContactFrame::new(&contact(), 0.1).contact(&settings);
+    assert!((own.normal_deviation - 0.3).abs() < 0.0022, "{}", own.normal_deviation);
+    assert_eq!((own.point_deviation, own.finger), (2e-3, 4));
+    assert!((own.normal.unwrap() - contact().normal.unwrap()).norm() < 1e-4);
+    let usual = ContactFrame::new(&contact(), 0.3).contact(&settings);
+    assert_eq!(usual.normal_deviation, 0.1);
+    let small = Contact { normal_deviation: 1e-9, ..contact() };
+    assert!(ContactFrame::new(&small, 0.1).contact(&settings).normal_deviation > 0.0);
+}
+
+#[test]
+fn another_version_is_named() {
+    let mut hello = HELLO;
+    hello.protocol = 200;
+    let (decoder, frames) =
+        decode_all::<Report<Planar>>(&wire(3, 0, Report::<Planar>::Hello(hello)));
+    assert_eq!(frames, [Err(FrameError::Version { theirs: 200, sequence: 3 })]);
+    assert_eq!(decoder.counters().version, 1);
+    let message = format!("{}", FrameError::Version { theirs: 200, sequence: 3 });
+    assert!(message.contains("200") && message.contains(&format!("{PROTOCOL}")), "{message}");
+    // Even when the rest of that version's message is unlike ours.
+    let mut out = [0; 64];
+    let sealed = seal(&[3, 0, 0, 0, 0, 0, 200, 1, 2, 3], &mut out).unwrap();
+    let (_, frames) = decode_all::<Report<Planar>>(sealed);
+    assert_eq!(frames, [Err(FrameError::Version { theirs: 200, sequence: 3 })]);
+}
+
+#[test]
+fn wrong_payloads_are_told_apart() {
+    let mut out = [0; 400];
+    let cases: [(&[u8], FrameError); 5] = [
+        (&[1, 0, 0, 0, 0, 99], FrameError::Malformed),
+        (&[1, 0, 0], FrameError::Malformed),
+        (&[], FrameError::Malformed),
+        (&[1, 0, 0, 0, 0, 1, 7], FrameError::Trailing),
+        (&[7; 200], FrameError::Oversize),
+    ];
+    for (payload, error) in cases {
+        let (decoder, frames) = decode_all::<Command<Planar>>(seal(payload, &mut out).unwrap());
+        assert_eq!(frames, [Err(error)], "{payload:?}");
+        assert_eq!(decoder.counters().damaged(), 1);
+    }
+    let (_, frames) = decode_all::<Command<Planar>>(&[9, 1, 0, 1, 0, 0, 0]);
+    assert_eq!(frames, [Err(FrameError::Cobs), Err(FrameError::Crc)]);
+}
+
+#[test]
+fn sequences_are_followed() {
+    let ping = |n: u8| wire(n, 0, Command::<Planar>::Ping);
+    let order = [250u8, 251, 251, 253, 252, 0, 254, 255, 251, 128, 127];
+    let bytes: Vec<u8> = order.iter().flat_map(|&n| ping(n)).collect();
+    let (decoder, frames) = decode_all::<Command<Planar>>(&bytes);
+    use Arrival::{Doubled, Late, New};
+    let arrivals: Vec<_> = frames.into_iter().map(|f| f.unwrap().arrival).collect();
+    let want = [New, New, Doubled, New, Late, New, Late, Late, Doubled, New, Late];
+    assert_eq!(arrivals, want);
+    let c = decoder.counters();
+    assert_eq!((c.frames, c.doubled, c.late), (11, 2, 4));
+    // From 0 to 128 jumps over 127 numbers, of which one came late.
+    assert_eq!(c.lost, 126);
+}
+
+#[test]
+fn hello_starts_anew_at_any_number() {
+    let mut bytes = wire(100, 0, Command::<Planar>::Ping);
+    bytes.extend(wire(3, 0, Command::<Planar>::Hello { protocol: PROTOCOL }));
+    bytes.extend(wire(4, 0, Command::<Planar>::Ping));
+    let (decoder, frames) = decode_all::<Command<Planar>>(&bytes);
+    assert!(frames.iter().all(|f| f.as_ref().unwrap().arrival == Arrival::New));
+    assert_eq!(decoder.counters().lost, 0);
+}
+
+/// What a line can do to a frame.
+#[derive(Clone, Debug)]
+enum Mishap {
+    None,
+    Drop,
+    Double,
+    Truncate(usize),
+    Corrupt(usize, u8),
+    Noise(Vec<u8>),
+}
+
+fn mishap() -> impl Strategy<Value = Mishap> {
+    prop_oneof![
+        3 => Just(Mishap::None),
+        1 => Just(Mishap::Drop),
+        1 => Just(Mishap::Double),
+        1 => (0usize..28).prop_map(Mishap::Truncate),
+        1 => (0usize..28, 1u8..).prop_map(|(at, bits)| Mishap::Corrupt(at, bits)),
+        1 => proptest::collection::vec(any::<u8>(), 0..400).prop_map(Mishap::Noise),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(512))]
+
+    #[test]
+    fn stuffing_is_undone(payload in proptest::collection::vec(prop_oneof![Just(0u8), any::<u8>(), Just(1)], 0..700)) {
+        let mut out = std::vec![0; payload.len() + 12];
+        let sealed = seal(&payload, &mut out).unwrap().to_vec();
+        let (delimiter, body) = sealed.split_last().unwrap();
+        prop_assert_eq!(*delimiter, 0);
+        prop_assert!(!body.contains(&0));
+        let mut body = body.to_vec();
+        prop_assert_eq!(unseal(&mut body).unwrap(), &payload[..]);
+    }
+
+    #[test]
+    fn random_bytes_never_panic(bytes in proptest::collection::vec(prop_oneof![1 => Just(0u8), 9 => any::<u8>()], 0..2000)) {
+        decode_all::<Command<Spatial>>(&bytes);
+        decode_all::<Report<Planar>>(&bytes);
+        let mut copy = bytes.clone();
+        let _ = unseal(&mut copy);
+    }
+
+    #[test]
+    fn random_payloads_never_panic(payload in proptest::collection::vec(any::<u8>(), 0..140), tag in 0u8..12) {
+        let mut payload = payload;
+        if let Some(t) = payload.get_mut(5) { *t = tag; }
+        let mut out = [0; MAX_FRAME];
+        if let Some(sealed) = seal(&payload, &mut out) {
+            decode_all::<Command<Spatial>>(sealed);
+            decode_all::<Command<Planar>>(sealed);
+            decode_all::<Report<Spatial>>(sealed);
+            decode_all::<Report<Planar>>(sealed);
+        }
+    }
+
+    #[test]
+    fn good_frames_after_a_mishap_are_recovered(mishaps in proptest::collection::vec(mishap(), 1..60)) {
+        // After any mishap one delimiter resynchronises, as a sender that repeats itself sends.
+        let (mut bytes, mut whole, mut doubled) = (Vec::new(), Vec::new(), 0);
+        for (i, mishap) in mishaps.iter().enumerate() {
+            let frame = wire(i as u8, i as u32, Command::Contact(ContactFrame::new(&contact(), 0.1)));
+            match mishap {
+                Mishap::None => { bytes.extend(&frame); whole.push(i as u8); }
+                Mishap::Drop => {}
+                Mishap::Double => {
+                    bytes.extend(&frame);
+                    bytes.extend(&frame);
+                    whole.push(i as u8);
+                    whole.push(i as u8);
+                    doubled += 1;
+                }
+                Mishap::Truncate(n) => { bytes.extend(&frame[..(*n).min(frame.len() - 2)]); bytes.push(0); }
+                Mishap::Corrupt(at, bits) => {
+                    let mut frame = frame;
+                    let at = at % frame.len();
+                    frame[at] ^= bits;
+                    bytes.extend(frame);
+                    bytes.push(0);
+                }
+                Mishap::Noise(noise) => {
+                    bytes.extend(noise);
+                    bytes.push(0);
+                    bytes.extend(&frame);
+                    whole.push(i as u8);
+                }
+            }
+        }
+        let (decoder, frames) = decode_all::<Command<Spatial>>(&bytes);
+        let good: Vec<u8> = frames.iter().flatten().map(|f| f.frame.sequence).collect();
+        prop_assert_eq!(good, whole);
+        prop_assert_eq!(decoder.counters().doubled, doubled);
+        prop_assert!(!decoder.is_inside_frame());
+    }
+}

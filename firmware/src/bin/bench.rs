@@ -1,0 +1,167 @@
+//! What the core costs in instructions, counted exactly by QEMU (`cargo fw count bench`).
+#![cfg_attr(target_os = "none", no_std, no_main)]
+
+#[cfg(not(target_os = "none"))]
+fn main() {}
+
+#[cfg(all(target_os = "none", not(feature = "mps2-an386")))]
+compile_error!("only the mps2-an386 board counts instructions");
+
+#[cfg(all(target_os = "none", feature = "mps2-an386"))]
+mod firmware {
+    use core::hint::black_box;
+
+    use cortex_m_semihosting::{debug, hprintln};
+    use tactile_core::contact::{Contact, GraspView};
+    use tactile_core::device::{Onboard, PlanarTracker, SpatialTracker};
+    use tactile_core::matrix::{Coordinates, Vector};
+    use tactile_core::random::Random;
+    use tactile_core::space::{Planar, Spatial};
+    use tactile_core::space::{Pose, Space};
+    use tactile_core::surface::cholesky::packed;
+    use tactile_core::surface::{Ball, Gpis, Map, Prior, Surface, ThinPlate, Training};
+    use tactile_core::track::{Bootstrap, Tracker};
+    use tactile_firmware::board::{Selected, instruction_timer};
+
+    /// Contacts in one grasp.
+    const FINGERS: usize = 5;
+    const ROWS: usize = 96;
+
+    type Plate = Gpis<Spatial, ThinPlate, Ball<Spatial>, ROWS, ROWS, { packed(ROWS) }>;
+
+    /// Counts instructions: under `-icount` every instruction takes the same time.
+    struct Counter {
+        empty: u32,
+        ticks_per_instruction: f32,
+    }
+
+    impl Counter {
+        fn new() -> Self {
+            let empty = ticks(|| ());
+            // Three thousand instructions that no compiler removes.
+            let known = ticks(|| {
+                for _ in 0..1000 {
+                    cortex_m::asm::nop();
+                }
+            });
+            Counter { empty, ticks_per_instruction: (known - empty) as f32 / 3000.0 }
+        }
+
+        fn report(&self, what: &str, run: impl FnOnce()) {
+            let spent = ticks(run).wrapping_sub(self.empty);
+            let instructions = (spent as f32 / self.ticks_per_instruction) as u32;
+            hprintln!("{:<48} {:>10}", what, instructions);
+        }
+    }
+
+    #[inline(never)]
+    fn ticks(run: impl FnOnce()) -> u32 {
+        let start = instruction_timer();
+        run();
+        instruction_timer().wrapping_sub(start)
+    }
+
+    /// Contacts spread over a ball of 40 mm, felt with 1 mm and 5° of noise.
+    fn touch<S: Space>(random: &mut Random) -> Contact<S> {
+        let normal = random.normal::<S::Vector>().normalized().unwrap_or(S::Vector::ZERO);
+        Contact {
+            point: normal * 0.04,
+            normal: Some(normal),
+            point_deviation: 1e-3,
+            normal_deviation: 0.087,
+            finger: 0,
+        }
+    }
+
+    fn grasp<S: Space>(random: &mut Random) -> [Contact<S>; FINGERS] {
+        core::array::from_fn(|_| touch(random))
+    }
+
+    /// One update of a tracker whose map is full, so that contacts are also let go.
+    #[inline(never)]
+    fn update<S, M, const N: usize>(counter: &Counter, name: &str, tracker: &mut Bootstrap<S, M, N>)
+    where
+        S: tactile_core::wire::WireSpace,
+        M: Map<S>,
+        Bootstrap<S, M, N>: Onboard<S>,
+    {
+        let mut random = Random::new(1);
+        tracker.prepare();
+        tracker.reset(1);
+        let mut number = 0u32;
+        while tracker.map().contacts() + FINGERS <= <Bootstrap<S, M, N> as Onboard<S>>::MAP {
+            let contacts = grasp(&mut random);
+            let view = GraspView { contacts: &contacts, free: &[] };
+            if number == 1 {
+                hprintln!("{} tracker, {} particles, {} contacts in the map:", name, N, FINGERS);
+                counter.report("  grasp update, 5 contacts", || {
+                    black_box(tracker.update(Some(&S::Pose::IDENTITY), view));
+                });
+            } else {
+                tracker.update(Some(&S::Pose::IDENTITY), view);
+            }
+            number += 1;
+        }
+        hprintln!(
+            "{} tracker, {} particles, {} contacts in the map:",
+            name,
+            N,
+            tracker.map().contacts()
+        );
+        let contacts = grasp(&mut random);
+        let view = GraspView { contacts: &contacts, free: &[] };
+        counter.report("  grasp update, 5 contacts", || {
+            black_box(tracker.update(Some(&S::Pose::IDENTITY), view));
+        });
+        let point = black_box(contacts[0].point);
+        counter.report("  map: value, gradient and variances at a point", || {
+            black_box(tracker.map().probe(point));
+        });
+        counter.report("  map: one contact more, another let go", || {
+            black_box(tracker.map_mut().insert(&contacts[1]));
+        });
+        counter.report("  map: refit", || tracker.map_mut().refit());
+    }
+
+    /// The thesis' surface: thin plate, values only.
+    #[inline(never)]
+    fn thin_plate(counter: &Counter, plate: &mut Plate) {
+        let mut random = Random::new(2);
+        plate.configure(ThinPlate { amplitude: 0.03, range: 0.3 }, Ball::UNSET, Training::Normals);
+        for _ in 0..ROWS - 1 {
+            plate.insert(&Contact { normal: None, ..touch(&mut random) });
+        }
+        hprintln!("thin plate, 96 contacts by value:");
+        let last = Contact { normal: None, ..touch(&mut random) };
+        counter.report("  append the 96th row", || {
+            black_box(plate.insert(&last));
+        });
+        counter.report("  refit", || plate.refit());
+        let point = black_box(Vector([0.03, 0.01, -0.02]));
+        counter.report("  mean at a point", || {
+            black_box(plate.values(&[point]));
+        });
+        counter.report("  mean, gradient and variances at a point", || {
+            black_box(plate.probe(point));
+        });
+        counter.report("  exact variance at a point", || {
+            black_box(plate.variance(point));
+        });
+    }
+
+    #[cortex_m_rt::entry]
+    fn main() -> ! {
+        static mut PLATE: Plate = Plate::new();
+        static mut PLANAR: PlanarTracker = PlanarTracker::new(Gpis::new());
+        static mut SPATIAL: SpatialTracker = SpatialTracker::new(Gpis::new());
+        let _board = Selected::start();
+        let counter = Counter::new();
+        hprintln!("instructions, Cortex-M4F, counted by QEMU");
+        thin_plate(&counter, PLATE);
+        update::<Planar, _, _>(&counter, "planar", PLANAR);
+        update::<Spatial, _, _>(&counter, "spatial", SPATIAL);
+        loop {
+            debug::exit(debug::EXIT_SUCCESS);
+        }
+    }
+}

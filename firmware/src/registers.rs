@@ -1,0 +1,74 @@
+//! Reading and writing a peripheral's registers: with the stack's ends, all the unsafe code of the
+//! firmware.
+
+use core::ptr;
+
+/// A block of 32-bit registers.
+#[derive(Clone, Copy)]
+pub struct Registers {
+    base: usize,
+}
+
+impl Registers {
+    /// The block that starts at `base`.
+    ///
+    /// # Safety
+    /// The offsets later used must be registers of a peripheral of this chip, and nobody else may
+    /// use them in a way that the owner does not expect.
+    pub const unsafe fn at(base: usize) -> Self {
+        Registers { base }
+    }
+
+    /// The register at `offset` bytes.
+    #[inline(always)]
+    pub fn read(self, offset: usize) -> u32 {
+        // SAFETY: a register of this block, by the contract of `at`; 32-bit aligned.
+        unsafe { ptr::read_volatile((self.base + offset) as *const u32) }
+    }
+
+    /// Sets the register at `offset` bytes.
+    #[inline(always)]
+    pub fn write(self, offset: usize, value: u32) {
+        // SAFETY: as for `read`.
+        unsafe { ptr::write_volatile((self.base + offset) as *mut u32, value) }
+    }
+
+    /// Clears the bits of `clear`, then sets those of `set`.
+    #[cfg(feature = "stm32f405")]
+    #[inline(always)]
+    pub fn change(self, offset: usize, clear: u32, set: u32) {
+        self.write(offset, (self.read(offset) & !clear) | set);
+    }
+
+    /// Whether all bits of `mask` become 1 within `tries` readings. Never waits for ever: an
+    /// emulator's clock control, or a missing crystal, never answers.
+    #[cfg(feature = "stm32f405")]
+    pub fn becomes(self, offset: usize, mask: u32, tries: u32) -> bool {
+        (0..tries).any(|_| self.read(offset) & mask == mask)
+    }
+}
+
+/// The interrupt controller: used only to wake the processor, no handler ever runs.
+pub struct Wake {
+    controller: Registers,
+    word: usize,
+    bit: u32,
+}
+
+impl Wake {
+    /// Lets interrupt `number` wake the processor, with all handlers masked.
+    pub fn on(number: usize) -> Self {
+        // SAFETY: the set-enable and clear-pending registers of the NVIC, which no one else uses.
+        let controller = unsafe { Registers::at(0xe000_e100) };
+        cortex_m::interrupt::disable();
+        let wake = Wake { controller, word: 4 * (number / 32), bit: 1 << (number % 32) };
+        controller.write(wake.word, wake.bit);
+        wake
+    }
+
+    /// Sleeps until the interrupt is pending; returns at once when it already is.
+    pub fn sleep(&self) {
+        cortex_m::asm::wfi();
+        self.controller.write(0x180 + self.word, self.bit);
+    }
+}

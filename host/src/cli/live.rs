@@ -1,0 +1,251 @@
+//! `tactile live`: a grasp log through a board, and what the board made of it.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use serde_json::{Value, json};
+use tactile_core::space::{Planar, Spatial};
+use tactile_core::wire::WireSpace;
+
+use super::slam::read_or_bundled;
+use super::{Error, say};
+use crate::link::qemu::Qemu;
+use crate::link::session::settings_for;
+use crate::link::tcp::Tcp;
+use crate::link::{Link, LogOutcome, Patience, Recorder, Session, virtual_board};
+use crate::log::GraspLog;
+use crate::log::recording::Header;
+use crate::slam::output::{Provenance, conclude, true_shape};
+use crate::slam::track::Step;
+use crate::space::Bridge;
+
+/// Emulators end after this long, whatever happens.
+const EMULATOR_LIMIT: Duration = Duration::from_secs(3600);
+const CONNECT: Duration = Duration::from_secs(5);
+
+/// Feed a grasp log through a board and reconstruct the object from its estimates.
+///
+/// The board runs the tracker; surface, report and picture are made here, as by `tactile slam`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  tactile live --port qemu --log ellipse.jsonl --record ellipse.tac --out live\n\n\
+    Ports: qemu builds the firmware and starts it on an emulated STM32F405; virtual is the same code \
+    in this process; tcp:HOST:PORT is a board behind a socket, for a serial port for example \
+    `socat TCP-LISTEN:7000,reuseaddr FILE:/dev/ttyACM0,b115200,raw,echo=0` and tcp:127.0.0.1:7000."
+)]
+pub struct LiveArgs {
+    /// qemu, virtual or tcp:HOST:PORT
+    #[arg(long, value_name = "PORT")]
+    port: Port,
+    /// Grasp log to feed; without one, the bundled recording
+    #[arg(long, value_name = "LOG")]
+    log: Option<PathBuf>,
+    /// Write all frames, both ways, to this recording (.tac)
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+    /// Seed of the board's random numbers
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Folder for the results
+    #[arg(long, default_value = "out")]
+    out: PathBuf,
+    /// Print the report, and what the board says of itself, as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Where the board is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Port {
+    /// In an emulator that this program starts.
+    Qemu,
+    /// In this process.
+    Virtual,
+    /// Behind a socket: host:port.
+    Tcp(String),
+}
+
+impl FromStr for Port {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let expected = || format!("expected qemu, virtual or tcp:HOST:PORT, found `{text}`");
+        match text.split_once(':') {
+            None if text == "qemu" => Ok(Port::Qemu),
+            None if text == "virtual" => Ok(Port::Virtual),
+            Some(("tcp", address)) => match address.rsplit_once(':') {
+                Some((host, port)) if !host.is_empty() && port.parse::<u16>().is_ok() => {
+                    Ok(Port::Tcp(address.to_owned()))
+                }
+                _ => Err(expected()),
+            },
+            _ => Err(expected()),
+        }
+    }
+}
+
+/// Runs the subcommand.
+///
+/// # Errors
+/// Bad input before a board is touched; a board that does not answer; unwritable results.
+pub fn run(args: &LiveArgs) -> Result<(), Error> {
+    let (log, name) = read_or_bundled(args.log.as_deref())?;
+    let truth = true_shape(&log).unwrap_or_else(|error| {
+        eprintln!("warning: {name}: {error}; errors against the truth are left out");
+        None
+    });
+    let fed =
+        if log.dimension == 2 { feed::<Planar>(args, &log) } else { feed::<Spatial>(args, &log) }?;
+    let tracker = "bootstrap on the board";
+    let title = if log.description.is_empty() { &name } else { &log.description };
+    let provenance = Provenance { title, tracker, tracking_seconds: fed.seconds };
+    let outcome = conclude(&log, truth.as_ref(), fed.steps, provenance)
+        .map_err(|e| Error::Input(format!("{name}: {e}")))?;
+    outcome.write(&args.out).map_err(Error::input)?;
+    if args.json {
+        let report = outcome.report.to_json().map_err(Error::failure)?;
+        let mut report: Value = serde_json::from_str(&report).map_err(Error::failure)?;
+        if let Some(fields) = report.as_object_mut() {
+            fields.insert("board".into(), fed.board);
+        }
+        say(serde_json::to_string_pretty(&report).map_err(Error::failure)?);
+    } else {
+        say(fed.text);
+        if args.port == Port::Qemu {
+            say("               (the emulator's clock: not the time the chip takes)");
+        }
+        say(outcome.report.to_string().trim_end());
+        say(format!("results in {}", args.out.display()));
+    }
+    Ok(())
+}
+
+/// What came back.
+struct Fed {
+    steps: Vec<Step>,
+    seconds: f64,
+    board: Value,
+    text: String,
+}
+
+fn feed<S: Bridge + WireSpace>(args: &LiveArgs, log: &GraspLog) -> Result<Fed, Error> {
+    let file = args.record.as_deref().map(create).transpose()?;
+    let result = connect(&args.port, S::DIMENSION).and_then(|link| match &file {
+        None => converse::<S>(link, log, args.seed),
+        Some(file) => {
+            let header = Header::new(log.dimension, log.fingers.clone(), log.description.clone());
+            let recorder = Recorder::new(link, file, &header).map_err(Error::failure)?;
+            converse::<S>(recorder, log, args.seed)
+        }
+    });
+    if let (Err(_), Some(file), Some(path)) = (&result, &file, &args.record)
+        && file.metadata().is_ok_and(|m| m.is_file() && m.len() == 0)
+    {
+        // Nobody was reached: no empty recording stays.
+        let _ = std::fs::remove_file(path);
+    }
+    result
+}
+
+fn create(path: &Path) -> Result<File, Error> {
+    File::create(path).map_err(|e| Error::Input(format!("{}: cannot write: {e}", path.display())))
+}
+
+fn connect(port: &Port, dimension: usize) -> Result<Box<dyn Link>, Error> {
+    match port {
+        Port::Virtual => virtual_board::start(dimension)
+            .ok_or_else(|| Error::Input(format!("no board tracks in {dimension} dimensions"))),
+        Port::Tcp(address) => Tcp::connect(address, CONNECT)
+            .map(|link| Box::new(link) as Box<dyn Link>)
+            .map_err(|e| Error::Failure(format!("tcp:{address}: {e}"))),
+        Port::Qemu => {
+            eprintln!("building the firmware (a minute the first time) and starting QEMU");
+            Qemu::build_and_start(dimension, EMULATOR_LIMIT)
+                .map(|link| Box::new(link) as Box<dyn Link>)
+                .map_err(Error::failure)
+        }
+    }
+}
+
+fn converse<S: Bridge + WireSpace>(
+    link: impl Link,
+    log: &GraspLog,
+    seed: u64,
+) -> Result<Fed, Error> {
+    let start = Instant::now();
+    let session = Session::<S, _>::open(link, Patience::default()).map_err(Error::failure)?;
+    let outcome = session.run(log, settings_for(log, seed), |_, _| ()).map_err(Error::failure)?;
+    let seconds = start.elapsed().as_secs_f64();
+    Ok(Fed { steps: outcome.steps(), seconds, board: figures(&outcome), text: words(&outcome) })
+}
+
+fn left_out<S: WireSpace>(outcome: &LogOutcome<S>) -> usize {
+    outcome.grasps.iter().map(|g| g.not_sent).sum()
+}
+
+fn figures<S: WireSpace>(outcome: &LogOutcome<S>) -> Value {
+    let hello = &outcome.hello;
+    let [major, minor, patch] = hello.firmware;
+    let health = outcome.grasps.last().map(|g| g.health);
+    json!({
+        "board": format!("{:?}", hello.board),
+        "firmware": format!("{major}.{minor}.{patch}"),
+        "capacity": { "grasp": hello.contacts, "map": hello.map, "particles": hello.particles },
+        "frames": outcome.received.frames, "damaged": outcome.received.damaged(),
+        "repeated": outcome.repeated, "contacts_not_sent": left_out(outcome),
+        "health": health.map(|h| json!({
+            "frames": h.received.frames, "damaged": h.received.damaged(), "overruns": h.overruns,
+            "refused": h.refused, "peak_stack": h.peak_stack, "stack": h.stack,
+            "worst_update_us": h.worst_update,
+        })),
+    })
+}
+
+fn words<S: WireSpace>(outcome: &LogOutcome<S>) -> String {
+    let hello = &outcome.hello;
+    let [major, minor, patch] = hello.firmware;
+    let mut text = format!(
+        "board          {:?}, firmware {major}.{minor}.{patch}: {} particles, map of {} contacts\n\
+         link           {} frames from the board, {} damaged, {} sent again",
+        hello.board,
+        hello.particles,
+        hello.map,
+        outcome.received.frames,
+        outcome.received.damaged(),
+        outcome.repeated
+    );
+    if let Some(health) = outcome.grasps.last().map(|g| g.health) {
+        if health.stack > 0 {
+            text += &format!("\nstack          {} of {} B", health.peak_stack, health.stack);
+        }
+        text += &format!(
+            "\nupdate         at most {:.1} ms by the board's clock",
+            f64::from(health.worst_update) / 1e3
+        );
+    }
+    match left_out(outcome) {
+        0 => {}
+        n => text += &format!("\nleft out       {n} contacts beyond {} in a grasp", hello.contacts),
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ports_are_read_strictly() {
+        assert_eq!("qemu".parse(), Ok(Port::Qemu));
+        assert_eq!("virtual".parse(), Ok(Port::Virtual));
+        assert_eq!("tcp:localhost:7000".parse(), Ok(Port::Tcp("localhost:7000".into())));
+        for bad in
+            ["", "tcp", "tcp:7000", "tcp::7000", "tcp:host:x", "serial:/dev/ttyACM0", "qemu:1"]
+        {
+            assert!(bad.parse::<Port>().unwrap_err().contains("expected qemu"), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,428 @@
+//! The host's side of the conversation: one command, one reply, and again when nothing comes.
+//!
+//! Why one at a time: an STM32's UART holds a single received byte, and the board computes for
+//! milliseconds. Because the host only speaks after the board's reply, and the board replies when it
+//! is ready to listen, no byte can be lost to a busy board at any speed of the line. At 115 200 baud
+//! a five-finger grasp and its answer spend 32 ms (planar) or 41 ms (spatial) on the line, at
+//! 921 600 baud an eighth of that.
+
+use std::io;
+use std::time::{Duration, Instant};
+
+use tactile_core::contact::{Contact, FreePoint};
+use tactile_core::track::{MotionNoise, Observability};
+use tactile_core::wire::{
+    Clock, Command, ContactFrame, Counters, Decoder, EstimateFrame, Frame, FrameError, FreeFrame,
+    Health, Hello, MAX_FRAME, MotionFrame, PROTOCOL, Refusal, Report, Settings, Topic, WireSpace,
+    encode,
+};
+
+use super::Link;
+use crate::log::GraspLog;
+use crate::slam::track::{self, Step, six_by_six};
+use crate::slam::usual_deviations;
+use crate::space::{Bridge, Pose};
+
+/// How long to wait before a command is sent again, and how often.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Patience {
+    /// For a reply to anything but a commit.
+    pub reply: Duration,
+    /// For the reply to a commit, during which the tracker runs.
+    pub update: Duration,
+    /// Times a command is sent in all.
+    pub attempts: u32,
+}
+
+impl Default for Patience {
+    fn default() -> Self {
+        Patience {
+            reply: Duration::from_millis(500),
+            update: Duration::from_secs(20),
+            attempts: 10,
+        }
+    }
+}
+
+/// Why a conversation ended.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// The bytes do not move.
+    #[error("the link failed: {0}")]
+    Link(#[from] io::Error),
+    /// Nobody answers.
+    #[error("the board did not answer `{command}`, sent {attempts} times ({counters})")]
+    Silent {
+        /// What was asked.
+        command: &'static str,
+        /// How often.
+        attempts: u32,
+        /// What did come, in words.
+        counters: String,
+    },
+    /// Two versions.
+    #[error("the board speaks protocol version {board}, this program version {host}")]
+    Version {
+        /// The board's.
+        board: u8,
+        /// Ours.
+        host: u8,
+    },
+    /// A planar log for a spatial board or the other way round.
+    #[error("the board tracks in {board} dimensions, the log has {log}")]
+    Dimension {
+        /// The board's.
+        board: u8,
+        /// The log's.
+        log: usize,
+    },
+    /// A command was not obeyed.
+    #[error("the board refused `{command}`: {refusal}")]
+    Refused {
+        /// What was asked.
+        command: &'static str,
+        /// Why not.
+        refusal: Refusal,
+    },
+    /// The board does not know us any more.
+    #[error("the board restarted during `{command}`: its belief is gone")]
+    Restarted {
+        /// What was asked.
+        command: &'static str,
+    },
+    /// Another estimate than the one that was due.
+    #[error("grasp {due} was committed, the board answered with grasp {got}")]
+    WrongGrasp {
+        /// Number of grasps committed before.
+        due: u32,
+        /// Number in the estimate.
+        got: u32,
+    },
+    /// The estimate's pose is not a number.
+    #[error("the estimate of grasp {grasp} is not finite")]
+    NotFinite {
+        /// Which.
+        grasp: u32,
+    },
+}
+
+/// What a board made of one grasp.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GraspOutcome<S: WireSpace> {
+    /// What the board believes.
+    pub estimate: EstimateFrame<S>,
+    /// How it fares.
+    pub health: Health,
+    /// Contacts of the log that the board's grasp had no room for.
+    pub not_sent: usize,
+    /// From the first frame of the grasp to the estimate.
+    pub elapsed: Duration,
+}
+
+/// What a board made of a whole log.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LogOutcome<S: WireSpace> {
+    /// Who answered.
+    pub hello: Hello,
+    /// One for every grasp of the log.
+    pub grasps: Vec<GraspOutcome<S>>,
+    /// What the host saw of the board's frames.
+    pub received: Counters,
+    /// Frames sent again.
+    pub repeated: u32,
+}
+
+impl<S: Bridge + WireSpace> LogOutcome<S> {
+    /// The estimated pose of every grasp, object to world.
+    pub fn poses(&self) -> Vec<Pose> {
+        // Sessions refuse estimates that are not finite.
+        self.grasps.iter().filter_map(|g| g.estimate.pose()).map(|p| S::isometry(&p)).collect()
+    }
+
+    /// The estimates as [`crate::slam`] takes them.
+    pub fn steps(&self) -> Vec<Step> {
+        let step = |(grasp, pose): (&GraspOutcome<S>, Pose)| {
+            let estimate = &grasp.estimate;
+            let seen = estimate.eigenvalues();
+            Step {
+                pose,
+                covariance: six_by_six::<S>(&estimate.covariance()),
+                effective_particles: estimate.effective_particles.into(),
+                corrected: estimate.corrected(),
+                observed: (0..S::FREEDOM)
+                    .filter(|&i| seen[i] > Observability::<S>::THRESHOLD)
+                    .count(),
+                contacts: [estimate.contacts, estimate.rejected, estimate.dropped].map(usize::from),
+            }
+        };
+        self.grasps.iter().zip(self.poses()).map(step).collect()
+    }
+}
+
+/// A conversation with one board.
+pub struct Session<S: WireSpace, L> {
+    link: L,
+    decoder: Decoder<Report<S>>,
+    patience: Patience,
+    start: Instant,
+    next: u8,
+    hello: Option<Hello>,
+    settings: Settings,
+    committed: u32,
+    repeated: u32,
+}
+
+/// What came with a reply.
+#[derive(Default)]
+struct Answer<S: WireSpace> {
+    hello: Option<Hello>,
+    estimate: Option<EstimateFrame<S>>,
+    health: Option<Health>,
+}
+
+impl<S: WireSpace, L: Link> Session<S, L> {
+    /// Greets the board.
+    ///
+    /// # Errors
+    /// When nobody answers, or somebody of another version or dimension.
+    pub fn open(link: L, patience: Patience) -> Result<Self, SessionError> {
+        let mut session = Session {
+            link,
+            decoder: Decoder::new(),
+            patience,
+            start: Instant::now(),
+            next: 0,
+            hello: None,
+            settings: Settings::DEFAULT,
+            committed: 0,
+            repeated: 0,
+        };
+        let answer = session.ask("hello", Command::Hello { protocol: PROTOCOL })?;
+        if let Some(hello) = answer.hello
+            && usize::from(hello.dimension) != S::DIMENSION
+        {
+            return Err(SessionError::Dimension { board: hello.dimension, log: S::DIMENSION });
+        }
+        session.hello = answer.hello;
+        Ok(session)
+    }
+
+    /// Who answered.
+    pub fn hello(&self) -> Option<&Hello> {
+        self.hello.as_ref()
+    }
+
+    /// What has been seen of the board's frames.
+    pub fn received(&self) -> &Counters {
+        self.decoder.counters()
+    }
+
+    /// Sets noise and seed; the board forgets the object.
+    ///
+    /// # Errors
+    /// As every command: no answer, or a refusal.
+    pub fn configure(&mut self, settings: Settings) -> Result<(), SessionError> {
+        self.ask("configure", Command::Configure(settings))?;
+        self.settings = settings;
+        self.committed = 0;
+        Ok(())
+    }
+
+    /// Makes the board forget the object.
+    ///
+    /// # Errors
+    /// No answer.
+    pub fn reset(&mut self) -> Result<(), SessionError> {
+        self.ask("reset", Command::Reset)?;
+        self.committed = 0;
+        Ok(())
+    }
+
+    /// Asks for an answer and nothing else.
+    ///
+    /// # Errors
+    /// No answer.
+    pub fn ping(&mut self) -> Result<(), SessionError> {
+        self.ask("ping", Command::Ping).map(|_| ())
+    }
+
+    /// How the board fares.
+    ///
+    /// # Errors
+    /// No answer.
+    pub fn health(&mut self) -> Result<Health, SessionError> {
+        self.wanted("health", Command::Query(Topic::Health), |answer| answer.health)
+    }
+
+    /// One grasp: motion since the last (`None`: unknown), what was felt and what was not, world
+    /// frame.
+    ///
+    /// # Errors
+    /// No answer, a refusal, or an answer to another grasp.
+    pub fn grasp(
+        &mut self,
+        motion: Option<&S::Pose>,
+        contacts: &[Contact<S>],
+        free: &[FreePoint<S>],
+    ) -> Result<GraspOutcome<S>, SessionError> {
+        let start = Instant::now();
+        if let Some(motion) = motion {
+            self.ask("motion", Command::Motion(MotionFrame::new(motion)))?;
+        }
+        let room = self.hello.map_or(usize::MAX, |h| h.contacts.into());
+        for contact in contacts.iter().take(room) {
+            let frame = ContactFrame::new(contact, self.settings.normal);
+            self.ask("contact", Command::Contact(frame))?;
+        }
+        for free in free.iter().take(room) {
+            self.ask("free point", Command::Free(FreeFrame::new(free)))?;
+        }
+        let due = self.committed;
+        let (estimate, health) = self.wanted("commit", Command::Commit, |answer| {
+            answer.estimate.zip(answer.health).filter(|(e, _)| e.grasp >= due)
+        })?;
+        if estimate.grasp != due {
+            return Err(SessionError::WrongGrasp { due, got: estimate.grasp });
+        }
+        if estimate.pose().is_none() {
+            return Err(SessionError::NotFinite { grasp: due });
+        }
+        self.committed += 1;
+        let not_sent = contacts.len().saturating_sub(room);
+        Ok(GraspOutcome { estimate, health, not_sent, elapsed: start.elapsed() })
+    }
+
+    /// Sends a command until its reply comes; gives what came with it.
+    fn ask(&mut self, name: &'static str, command: Command<S>) -> Result<Answer<S>, SessionError> {
+        let hello = matches!(command, Command::Hello { .. });
+        self.wanted(name, command, |answer| {
+            (!hello || answer.hello.is_some()).then(|| std::mem::take(answer))
+        })
+    }
+
+    /// Sends a command until its reply has come and `found` finds what was asked for among what came
+    /// before it.
+    fn wanted<R>(
+        &mut self,
+        name: &'static str,
+        command: Command<S>,
+        mut found: impl FnMut(&mut Answer<S>) -> Option<R>,
+    ) -> Result<R, SessionError> {
+        let sequence = self.next;
+        self.next = self.next.wrapping_add(1);
+        let time = Clock(self.start.elapsed().as_micros() as u32);
+        let mut buffer = [0; MAX_FRAME];
+        let wire = encode(&Frame { sequence, time, message: command }, &mut buffer)
+            .map_err(io::Error::other)?;
+        let mut again = Vec::with_capacity(wire.len() + 1);
+        // What the board has of a damaged frame ends here.
+        again.push(0);
+        again.extend_from_slice(wire);
+        let wait = match command {
+            Command::Commit => self.patience.update,
+            _ => self.patience.reply,
+        };
+        let mut answer = Answer::default();
+        for attempt in 0..self.patience.attempts {
+            self.repeated += u32::from(attempt > 0);
+            // The first greeting may also find a board with half a frame.
+            let first = attempt == 0 && !matches!(command, Command::Hello { .. });
+            self.link.send(if first { wire } else { &again })?;
+            let deadline = Instant::now() + wait;
+            if self.hear(name, sequence, deadline, &mut answer)?
+                && let Some(result) = found(&mut answer)
+            {
+                return Ok(result);
+            }
+        }
+        let counters = self.decoder.counters();
+        Err(SessionError::Silent {
+            command: name,
+            attempts: self.patience.attempts,
+            counters: format!(
+                "{} good frames came, {} damaged",
+                counters.frames,
+                counters.damaged()
+            ),
+        })
+    }
+
+    /// Collects reports until the reply to `sequence`: true. False when the time is over.
+    fn hear(
+        &mut self,
+        name: &'static str,
+        sequence: u8,
+        deadline: Instant,
+        answer: &mut Answer<S>,
+    ) -> Result<bool, SessionError> {
+        loop {
+            // One byte at a time, so that nothing after the reply is taken with it.
+            let mut byte = [0];
+            let left = deadline.saturating_duration_since(Instant::now());
+            if self.link.receive(&mut byte, left)? == 0 {
+                return Ok(false);
+            }
+            let received = match self.decoder.push(byte[0]) {
+                Some(Ok(received)) => received,
+                Some(Err(FrameError::Version { theirs, .. })) => {
+                    return Err(SessionError::Version { board: theirs, host: PROTOCOL });
+                }
+                Some(Err(_)) | None => continue,
+            };
+            match received.frame.message {
+                Report::Hello(hello) => answer.hello = Some(hello),
+                Report::Estimate(estimate) => answer.estimate = Some(estimate),
+                Report::Health(health) => answer.health = Some(health),
+                Report::Reply(reply) if reply.to == sequence => {
+                    return match reply.refusal {
+                        None => Ok(true),
+                        Some(Refusal::NotGreeted) => Err(SessionError::Restarted { command: name }),
+                        Some(refusal) => Err(SessionError::Refused { command: name, refusal }),
+                    };
+                }
+                Report::Reply(_) => {}
+            }
+        }
+    }
+}
+
+impl<S: Bridge + WireSpace, L: Link> Session<S, L> {
+    /// Configures the board and feeds it a whole log; `each` is called after every grasp with its
+    /// number in the log.
+    ///
+    /// # Errors
+    /// When the log has another dimension, or as every command.
+    pub fn run(
+        mut self,
+        log: &GraspLog,
+        settings: Settings,
+        mut each: impl FnMut(usize, &GraspOutcome<S>),
+    ) -> Result<LogOutcome<S>, SessionError> {
+        let hello = match self.hello {
+            Some(hello) if log.dimension == S::DIMENSION => hello,
+            _ => {
+                let board = self.hello.map_or(S::DIMENSION as u8, |h| h.dimension);
+                return Err(SessionError::Dimension { board, log: log.dimension });
+            }
+        };
+        self.configure(settings)?;
+        let mut grasps = Vec::with_capacity(log.grasps.len());
+        for (number, grasp) in log.grasps.iter().enumerate() {
+            let motion = grasp.motion.as_ref().map(S::pose);
+            let contacts = track::contacts::<S>(grasp, &log.noise);
+            let free = track::free_points::<S>(grasp);
+            let outcome = self.grasp(motion.as_ref(), &contacts, &free)?;
+            each(number, &outcome);
+            grasps.push(outcome);
+        }
+        let received = *self.decoder.counters();
+        Ok(LogOutcome { hello, grasps, received, repeated: self.repeated })
+    }
+}
+
+/// The board's settings for a log: the noise that [`crate::slam`] assumes of it.
+pub fn settings_for(log: &GraspLog, seed: u64) -> Settings {
+    let MotionNoise { translation, rotation } = track::settings(log, seed).motion;
+    let (point, normal) = usual_deviations(&log.noise);
+    Settings { point: point as f32, normal: normal as f32, translation, rotation, seed }
+}

@@ -1,0 +1,77 @@
+//! The board's own code, with the board's own capacities, in this process.
+
+use std::collections::VecDeque;
+use std::io;
+use std::time::{Duration, Instant};
+
+use tactile_core::device::{Board, Device, Onboard, PlanarDevice, SpatialDevice, Vitals};
+use tactile_core::wire::{BoardKind, WireSpace};
+
+use super::Link;
+
+/// A device and the bytes it has sent.
+pub struct VirtualBoard<T, S: WireSpace, const CONTACTS: usize> {
+    device: Box<Device<T, S, CONTACTS>>,
+    wires: Wires,
+}
+
+/// What a virtual board has for hardware.
+struct Wires {
+    start: Instant,
+    sent: VecDeque<u8>,
+}
+
+impl Board for Wires {
+    const KIND: BoardKind = BoardKind::Virtual;
+
+    fn now(&mut self) -> u32 {
+        self.start.elapsed().as_micros() as u32
+    }
+
+    fn receive(&mut self, _: &mut [u8]) -> usize {
+        0
+    }
+
+    fn send(&mut self, bytes: &[u8]) {
+        self.sent.extend(bytes);
+    }
+
+    fn vitals(&mut self) -> Vitals {
+        Vitals::default()
+    }
+}
+
+impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> VirtualBoard<T, S, CONTACTS> {
+    /// Switches the device on; it introduces itself.
+    pub fn start(device: Box<Device<T, S, CONTACTS>>) -> Self {
+        let mut board =
+            VirtualBoard { device, wires: Wires { start: Instant::now(), sent: VecDeque::new() } };
+        board.device.announce(&mut board.wires);
+        board
+    }
+}
+
+/// A virtual board of this dimension, as the firmware of the same name carries it; `None` unless it
+/// is 2 or 3.
+pub fn start(dimension: usize) -> Option<Box<dyn Link>> {
+    match dimension {
+        2 => Some(Box::new(VirtualBoard::start(Box::new(PlanarDevice::PLANAR)))),
+        3 => Some(Box::new(VirtualBoard::start(Box::new(SpatialDevice::SPATIAL)))),
+        _ => None,
+    }
+}
+
+impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Link for VirtualBoard<T, S, CONTACTS> {
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.device.take(bytes, &mut self.wires);
+        Ok(())
+    }
+
+    fn receive(&mut self, bytes: &mut [u8], _: Duration) -> io::Result<usize> {
+        let count = bytes.len().min(self.wires.sent.len());
+        for (byte, sent) in bytes.iter_mut().zip(self.wires.sent.drain(..count)) {
+            *byte = sent;
+        }
+        Ok(count)
+    }
+}

@@ -1,0 +1,114 @@
+//! What is in a recording, in words and figures, for `tactile inspect`.
+
+use std::fmt;
+use std::path::Path;
+
+use serde_json::{Value, json};
+use tactile_core::wire::Counters;
+
+use super::recording::{Header, Recording, RecordingError};
+use super::replayed::Replayed;
+
+/// The contents of a recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Inspection {
+    /// What it is of.
+    pub header: Header,
+    /// Number of pieces.
+    pub pieces: usize,
+    /// Bytes of a torn last piece.
+    pub torn: usize,
+    /// Unreadable pieces.
+    pub damaged: usize,
+    /// What they tell.
+    pub replayed: Replayed,
+}
+
+/// Reads a recording and sums it up.
+///
+/// # Errors
+/// When the file is not a recording.
+pub fn inspect_recording(path: &Path) -> Result<Inspection, RecordingError> {
+    let recording = Recording::read(path)?;
+    let replayed = recording.replay();
+    let Recording { header, pieces, torn, damaged } = recording;
+    Ok(Inspection { header, pieces: pieces.len(), torn, damaged, replayed })
+}
+
+fn counters(c: &Counters) -> Value {
+    json!({
+        "frames": c.frames, "damaged": c.damaged(), "lost": c.lost, "doubled": c.doubled,
+        "late": c.late,
+    })
+}
+
+impl Inspection {
+    /// The same as JSON.
+    pub fn to_json(&self) -> Value {
+        let r = &self.replayed;
+        json!({
+            "format": "tactile-recording", "protocol": self.header.protocol,
+            "dimension": self.header.dimension, "description": self.header.description,
+            "fingers": self.header.fingers, "seconds": r.duration.as_secs_f64(),
+            "grasps": r.log.grasps.len(), "contacts": self.contacts(), "estimates": r.estimates.len(),
+            "pieces": self.pieces, "torn_bytes": self.torn, "damaged_pieces": self.damaged,
+            "from_board": counters(&r.from_board), "to_board": counters(&r.to_board),
+            "refused": r.refused,
+        })
+    }
+
+    fn contacts(&self) -> usize {
+        self.replayed.log.grasps.iter().map(|g| g.contacts.len()).sum()
+    }
+}
+
+impl fmt::Display for Inspection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (header, r) = (&self.header, &self.replayed);
+        writeln!(
+            f,
+            "recording, {} dimensions, protocol {}, {:.2} s",
+            header.dimension,
+            header.protocol,
+            r.duration.as_secs_f64()
+        )?;
+        if !header.description.is_empty() {
+            writeln!(f, "  {}", header.description)?;
+        }
+        if let Some(hello) = r.hello {
+            let [major, minor, patch] = hello.firmware;
+            writeln!(
+                f,
+                "board: {:?}, firmware {major}.{minor}.{patch}, {} contacts a grasp, map of {}, {} particles",
+                hello.board, hello.contacts, hello.map, hello.particles
+            )?;
+        }
+        writeln!(
+            f,
+            "{} grasps, {} contacts, {} estimates, {} commands refused",
+            r.log.grasps.len(),
+            self.contacts(),
+            r.estimates.len(),
+            r.refused
+        )?;
+        for (name, c) in [("from the board", &r.from_board), ("to the board", &r.to_board)] {
+            writeln!(
+                f,
+                "frames {name}: {} good, {} damaged, {} lost, {} doubled, {} late",
+                c.frames,
+                c.damaged(),
+                c.lost,
+                c.doubled,
+                c.late
+            )?;
+        }
+        write!(f, "{} pieces", self.pieces)?;
+        if self.damaged > 0 {
+            write!(f, ", {} damaged and skipped", self.damaged)?;
+        }
+        if self.torn > 0 {
+            write!(f, ", a torn last one of {} bytes skipped", self.torn)?;
+        }
+        writeln!(f)
+    }
+}

@@ -1,0 +1,293 @@
+//! What a recording tells: the grasps that were sent, and what the board made of them.
+
+use std::io::{self, Write};
+use std::time::Duration;
+
+use serde_json::{Map, Value, json};
+use tactile_core::space::{Planar, Spatial};
+use tactile_core::wire::{
+    Arrival, Command, Counters, Decoder, EstimateFrame, Health, Hello, Received, Report, Settings,
+    WireSpace,
+};
+
+use super::recording::{Direction, Recording};
+use super::{GraspLog, LoggedContact, LoggedFree, LoggedGrasp, Noise};
+use crate::space::{self, Bridge, Point, Pose};
+
+/// A recording, understood.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Replayed {
+    /// What the host sent and the board accepted, as a grasp log; every grasp carries the board's
+    /// estimate in the field `estimate`, which no estimator reads.
+    pub log: GraspLog,
+    /// What the board answered, one for every grasp.
+    pub estimates: Vec<RecordedEstimate>,
+    /// Who answered.
+    pub hello: Option<Hello>,
+    /// What the board said last about itself.
+    pub health: Option<Health>,
+    /// Frames from the board.
+    pub from_board: Counters,
+    /// Frames to the board; those sent again count as doubled.
+    pub to_board: Counters,
+    /// Commands the board refused.
+    pub refused: usize,
+    /// Time of the last piece.
+    pub duration: Duration,
+}
+
+/// One estimate without its dimension.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RecordedEstimate {
+    /// Since the start of the recording.
+    pub time: Duration,
+    /// The board's number of the grasp.
+    pub grasp: u32,
+    /// Object to world.
+    pub pose: Pose,
+    /// Standard deviations in tangent coordinates, metres and radians.
+    pub deviations: Vec<f32>,
+    /// Effective number of particles.
+    pub effective_particles: u16,
+    /// Contacts used, with bad numbers, and let go by the map.
+    pub contacts: [u8; 3],
+    /// Whether the grasp corrected the pose.
+    pub corrected: bool,
+    /// Whether the particles were resampled.
+    pub resampled: bool,
+}
+
+impl Recording {
+    /// Decodes both directions and pairs commands with replies.
+    pub fn replay(&self) -> Replayed {
+        match self.header.dimension {
+            2 => replay::<Planar>(self),
+            _ => replay::<Spatial>(self),
+        }
+    }
+}
+
+/// The commands of the grasp that is being collected.
+struct Collector<S: WireSpace> {
+    replayed: Replayed,
+    settings: Settings,
+    grasp: LoggedGrasp,
+    estimate: Option<EstimateFrame<S>>,
+}
+
+/// The number with the fewest digits that is still this `f32`, so that 0.001 stays 0.001.
+fn shortest(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(value.into())
+}
+
+fn shortest_point<S: Bridge>(vector: &S::Vector) -> Point {
+    S::point(vector).map(|v| shortest(v as f32))
+}
+
+fn empty_grasp(index: u64) -> LoggedGrasp {
+    LoggedGrasp {
+        index,
+        time: None,
+        motion: None,
+        contacts: Vec::new(),
+        free: Vec::new(),
+        truth: None,
+        unknown: Map::new(),
+    }
+}
+
+fn replay<S: Bridge + WireSpace>(recording: &Recording) -> Replayed {
+    let header = &recording.header;
+    let log = GraspLog {
+        dimension: header.dimension,
+        description: header.description.clone(),
+        fingers: header.fingers.clone(),
+        noise: Noise::default(),
+        shape: None,
+        grasps: Vec::new(),
+        unknown: Map::new(),
+    };
+    let mut collector = Collector::<S> {
+        replayed: Replayed {
+            log,
+            estimates: Vec::new(),
+            hello: None,
+            health: None,
+            from_board: Counters::NONE,
+            to_board: Counters::NONE,
+            refused: 0,
+            duration: recording.pieces.last().map_or(Duration::ZERO, |p| p.time),
+        },
+        settings: Settings::DEFAULT,
+        grasp: empty_grasp(0),
+        estimate: None,
+    };
+    let mut to_board = Decoder::<Command<S>>::new();
+    let mut from_board = Decoder::<Report<S>>::new();
+    let mut pending: Option<(u8, Command<S>)> = None;
+    for piece in &recording.pieces {
+        for &byte in &piece.bytes {
+            match piece.way {
+                Direction::ToBoard => {
+                    if let Some(Ok(Received { frame, arrival: Arrival::New })) = to_board.push(byte)
+                    {
+                        pending = Some((frame.sequence, frame.message));
+                    }
+                }
+                Direction::FromBoard => {
+                    let Some(Ok(received)) = from_board.push(byte) else { continue };
+                    match received.frame.message {
+                        Report::Hello(hello) => collector.replayed.hello = Some(hello),
+                        Report::Health(health) => collector.replayed.health = Some(health),
+                        Report::Estimate(estimate) => collector.estimate = Some(estimate),
+                        Report::Reply(reply) => {
+                            let command = pending.take_if(|(sequence, _)| *sequence == reply.to);
+                            match command {
+                                Some((_, command)) if reply.refusal.is_none() => {
+                                    collector.obeyed(command, piece.time);
+                                }
+                                Some(_) => collector.replayed.refused += 1,
+                                None => {}
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+    collector.replayed.to_board = *to_board.counters();
+    collector.replayed.from_board = *from_board.counters();
+    collector.replayed
+}
+
+impl<S: Bridge + WireSpace> Collector<S> {
+    fn obeyed(&mut self, command: Command<S>, time: Duration) {
+        match command {
+            Command::Hello { .. } | Command::Ping | Command::Query(_) => {}
+            Command::Configure(settings) => {
+                self.settings = settings;
+                self.replayed.log.noise = Noise {
+                    point: Some(shortest(settings.point)),
+                    normal: Some(shortest(settings.normal)),
+                    translation: Some(shortest(settings.translation)),
+                    rotation: Some(shortest(settings.rotation)),
+                };
+                self.forget();
+            }
+            Command::Reset => self.forget(),
+            Command::Motion(frame) => {
+                self.grasp.motion = frame.motion().map(|m| S::isometry(&m));
+            }
+            Command::Contact(frame) => {
+                let contact = frame.contact(&self.settings);
+                let own = contact.normal_deviation != self.settings.normal;
+                self.grasp.contacts.push(LoggedContact {
+                    finger: self.finger(contact.finger),
+                    point: shortest_point::<S>(&contact.point),
+                    normal: contact.normal.map(|n| shortest_point::<S>(&n)),
+                    normal_noise: own.then_some(shortest(contact.normal_deviation)),
+                    force: None,
+                    unknown: Map::new(),
+                });
+            }
+            Command::Free(frame) => {
+                let free = frame.free_point();
+                let finger = self.finger(free.finger);
+                self.grasp.free.push(LoggedFree {
+                    finger,
+                    point: shortest_point::<S>(&free.point),
+                    unknown: Map::new(),
+                });
+            }
+            Command::Commit => self.commit(time),
+        }
+    }
+
+    /// An index only where the log can name it.
+    fn finger(&self, finger: u8) -> Option<usize> {
+        Some(usize::from(finger)).filter(|&f| f < self.replayed.log.fingers.len())
+    }
+
+    /// A board that forgets starts a new log: the last object is what a recording is of.
+    fn forget(&mut self) {
+        self.replayed.log.grasps.clear();
+        self.replayed.estimates.clear();
+        self.grasp = empty_grasp(0);
+        self.estimate = None;
+    }
+
+    fn commit(&mut self, time: Duration) {
+        let next = self.grasp.index + 1;
+        let mut grasp = std::mem::replace(&mut self.grasp, empty_grasp(next));
+        grasp.time = Some(time.as_secs_f64());
+        let Some(estimate) = self.estimate.take() else { return };
+        if let Some(pose) = estimate.pose() {
+            let recorded = RecordedEstimate {
+                time,
+                grasp: estimate.grasp,
+                pose: S::isometry(&pose),
+                deviations: AsRef::<[f32]>::as_ref(&estimate.deviations).to_vec(),
+                effective_particles: estimate.effective_particles,
+                contacts: [estimate.contacts, estimate.rejected, estimate.dropped],
+                corrected: estimate.corrected(),
+                resampled: estimate.resampled(),
+            };
+            grasp.unknown.insert("estimate".into(), recorded.to_json(S::DIMENSION));
+            self.replayed.estimates.push(recorded);
+        }
+        self.replayed.log.grasps.push(grasp);
+    }
+}
+
+impl RecordedEstimate {
+    fn to_json(&self, dimension: usize) -> Value {
+        let t = self.pose.translation.vector;
+        let q = self.pose.rotation.coords;
+        let (translation, rotation) = if dimension == 2 {
+            (json!([t.x, t.y]), json!(space::angle(&self.pose)))
+        } else {
+            (json!([t.x, t.y, t.z]), json!([q.x, q.y, q.z, q.w]))
+        };
+        json!({
+            "pose": { "translation": translation, "rotation": rotation },
+            "deviations": self.deviations, "effective_particles": self.effective_particles,
+            "corrected": self.corrected,
+        })
+    }
+}
+
+impl Replayed {
+    /// Writes one line per estimate: grasp, time (s), position (m), rotation (radians or quaternion
+    /// x, y, z, w), standard deviations in object axes (m, rad), counts.
+    ///
+    /// # Errors
+    /// When the writer fails.
+    pub fn write_csv(&self, writer: &mut (impl Write + ?Sized)) -> io::Result<()> {
+        let counts = "effective_particles,contacts,rejected,dropped,corrected,resampled";
+        let planar = self.log.dimension == 2;
+        if planar {
+            writeln!(writer, "grasp,time,x,y,angle,sd_x,sd_y,sd_angle,{counts}")?;
+        } else {
+            let sd = "sd_x,sd_y,sd_z,sd_rx,sd_ry,sd_rz";
+            writeln!(writer, "grasp,time,x,y,z,qx,qy,qz,qw,{sd},{counts}")?;
+        }
+        for e in &self.estimates {
+            let t = e.pose.translation.vector;
+            let q = e.pose.rotation.coords;
+            write!(writer, "{},{:.6},", e.grasp, e.time.as_secs_f64())?;
+            if planar {
+                write!(writer, "{:.6},{:.6},{:.6}", t.x, t.y, space::angle(&e.pose))?;
+            } else {
+                write!(writer, "{:.6},{:.6},{:.6},", t.x, t.y, t.z)?;
+                write!(writer, "{:.6},{:.6},{:.6},{:.6}", q.x, q.y, q.z, q.w)?;
+            }
+            for deviation in &e.deviations {
+                write!(writer, ",{deviation:.6}")?;
+            }
+            let [contacts, rejected, dropped] = e.contacts;
+            write!(writer, ",{},{contacts},{rejected},{dropped}", e.effective_particles)?;
+            writeln!(writer, ",{},{}", u8::from(e.corrected), u8::from(e.resampled))?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,119 @@
+//! The firmware in QEMU: the same frames, the same bits.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use tactile_core::space::{Planar, Spatial};
+use tactile_core::wire::BoardKind;
+use tactile_host::link::firmware::{self, Machine};
+use tactile_host::link::session::settings_for;
+use tactile_host::link::{
+    Faults, Faulty, Link, LogOutcome, Patience, Session, qemu, virtual_board,
+};
+use tactile_tests::{Sample, board, unless_missing};
+
+const GRASPS: usize = 12;
+
+fn run<S: Sample>(link: impl Link, patience: Patience) -> LogOutcome<S> {
+    let log = S::log(GRASPS);
+    let session = Session::<S, _>::open(link, patience).unwrap();
+    session.run(&log, settings_for(&log, 7), |_, _| ()).unwrap()
+}
+
+/// The estimates' bytes: what equality of `f32` would let pass, a zero's sign or a NaN, shows.
+fn bits<S: Sample>(outcome: &LogOutcome<S>) -> Vec<Vec<u8>> {
+    outcome
+        .grasps
+        .iter()
+        .map(|g| {
+            let mut buffer = [0; tactile_core::wire::MAX_FRAME];
+            let frame = tactile_core::wire::Frame {
+                sequence: 0,
+                time: tactile_core::wire::Clock(0),
+                message: tactile_core::wire::Report::Estimate(g.estimate),
+            };
+            tactile_core::wire::encode(&frame, &mut buffer).unwrap().to_vec()
+        })
+        .collect()
+}
+
+fn agrees_with_the_virtual_board<S: Sample>(machine: Machine, kind: BoardKind) {
+    let Some((elf, emulated)) = board::<S>(machine) else { return };
+    let emulated = run::<S>(emulated, Patience::default());
+    let here = run::<S>(virtual_board::start(S::DIMENSION).unwrap(), Patience::default());
+    assert_eq!(bits(&emulated), bits(&here));
+    assert!(emulated.grasps[1..].iter().all(|g| g.estimate.corrected()));
+    assert_eq!((emulated.hello.board, here.hello.board), (kind, BoardKind::Virtual));
+    assert_eq!(emulated.hello.map, here.hello.map);
+    // The greeting may come before the board listens.
+    assert!(emulated.repeated <= 1 && emulated.received.damaged() == 0);
+    let health = emulated.grasps.last().unwrap().health;
+    assert_eq!((health.overruns, health.refused, health.received.damaged()), (0, 0, 0));
+    assert!(health.peak_stack > 500 && health.peak_stack < health.stack / 2, "{health:?}");
+    // Nothing static has a start value, so that RAM costs no flash.
+    let footprint = firmware::footprint(&elf).unwrap();
+    assert!(footprint.initialised < 64, "{footprint:?}");
+    assert!(footprint.flash < 256 << 10 && footprint.ram < 96 << 10, "{footprint:?}");
+    eprintln!("{kind:?}: {footprint:?}, deepest stack {} of {} B", health.peak_stack, health.stack);
+}
+
+#[test]
+fn an_emulated_stm32f405_tracks_bit_for_bit_in_the_plane() {
+    agrees_with_the_virtual_board::<Planar>(Machine::Stm32f405, BoardKind::Stm32f405);
+}
+
+#[test]
+fn an_emulated_stm32f405_tracks_bit_for_bit_in_space() {
+    agrees_with_the_virtual_board::<Spatial>(Machine::Stm32f405, BoardKind::Stm32f405);
+}
+
+#[test]
+fn the_second_board_tracks_bit_for_bit() {
+    agrees_with_the_virtual_board::<Planar>(Machine::Mps2An386, BoardKind::Mps2An386);
+}
+
+#[test]
+fn firmware_survives_a_bad_line() {
+    let Some((_, emulated)) = board::<Planar>(Machine::Stm32f405) else { return };
+    let faults = Faults { drop: 0.03, corrupt: 0.03, double: 0.03, reorder: 0.03 };
+    let mut link = Faulty::new(emulated, faults, 5);
+    // Noise before the first frame, as a line that is plugged in makes.
+    link.send(&[0x55, 0xff, 0x13, 0x00, 0x80]).unwrap();
+    let patience =
+        Patience { reply: Duration::from_millis(60), update: Duration::from_secs(2), attempts: 30 };
+    let faulty = run::<Planar>(&mut link, patience);
+    assert!(link.injected() > 5 && faulty.repeated > 0);
+    let clean = run::<Planar>(virtual_board::start(2).unwrap(), patience);
+    assert_eq!(bits(&faulty), bits(&clean));
+    let health = faulty.grasps.last().unwrap().health;
+    assert!(health.received.damaged() > 0 || faulty.received.damaged() > 0);
+    assert_eq!(health.grasps, GRASPS as u32);
+}
+
+#[test]
+fn instructions_are_counted() {
+    let machine = Machine::Mps2An386;
+    let Some(elf) = unless_missing(firmware::build("bench", machine)) else { return };
+    let limit = Duration::from_secs(120);
+    let Some(printed) = unless_missing(qemu::run(&elf, machine, true, limit)) else { return };
+    eprintln!("{printed}");
+    let mut counts = BTreeMap::new();
+    let mut part = "";
+    for line in printed.lines() {
+        match line.rsplit_once(' ').and_then(|(name, n)| Some((name, n.parse::<u64>().ok()?))) {
+            Some((name, n)) => drop(counts.insert((part, name.trim()), n)),
+            None => part = line.split(',').next().unwrap_or(""),
+        }
+    }
+    // Counts are exact, so that a loop of known length gives the scale; these bounds are wide.
+    let mean = counts[&("thin plate", "mean at a point")];
+    assert!((3_000..10_000).contains(&mean), "{mean}");
+    let updates: Vec<u64> = counts
+        .iter()
+        .filter(|((_, name), _)| name.contains("grasp update"))
+        .map(|(_, &n)| n)
+        .collect();
+    assert!(updates.len() >= 2 && updates.iter().all(|n| (100_000..100_000_000).contains(n)));
+    let again = unless_missing(qemu::run(&elf, machine, true, limit));
+    assert_eq!(again.as_deref(), Some(printed.as_str()));
+}
