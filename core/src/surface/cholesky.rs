@@ -82,33 +82,30 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
     }
 
     /// Removes one row and column by a rank-one update of what follows: about (n − row)²
-    /// multiplications. A row that does not exist is ignored.
+    /// multiplications and 3·`ROWS` numbers of stack. A row that does not exist is ignored.
     pub fn remove(&mut self, row: usize) {
         let n = self.rows;
         if row >= n {
             return;
         }
-        // The removed column lives on in place as the update vector v.
-        for j in row + 1..n {
-            let v = self.lower[start(j) + row];
-            let d = self.lower[start(j) + j];
-            let r = math::sqrt(d * d + v * v);
-            let (c, s) = (r / d, v / d);
-            self.lower[start(j) + j] = r;
-            self.inverse_diagonal[j] = 1.0 / r;
-            let scale = 1.0 / c;
-            for i in j + 1..n {
-                let l = (self.lower[start(i) + j] + s * self.lower[start(i) + row]) * scale;
-                self.lower[start(i) + row] = c * self.lower[start(i) + row] - s * l;
-                self.lower[start(i) + j] = l;
-            }
-        }
+        // The rotation of each later column: cosine, sine, 1/cosine.
+        let mut turns = [(1.0f32, 0.0f32, 1.0f32); ROWS];
         for i in row + 1..n {
-            // Row i moves up one place and loses a column; destinations come before sources.
-            let (from, to) = (start(i), start(i - 1));
-            self.lower.copy_within(from..from + row, to);
-            self.lower.copy_within(from + row + 1..from + i + 1, to + row);
-            self.inverse_diagonal[i - 1] = self.inverse_diagonal[i];
+            // Row i loses a column and becomes row i − 1, which ends where row i begins.
+            let (before, after) = self.lower.split_at_mut(start(i));
+            let (to, from) = (&mut before[start(i - 1)..], &after[..i + 1]);
+            to[..row].copy_from_slice(&from[..row]);
+            let mut v = from[row];
+            let columns = to[row..i - 1].iter_mut().zip(&from[row + 1..i]);
+            for ((new, old), &(c, s, inverse)) in columns.zip(&turns[row + 1..i]) {
+                *new = (old + s * v) * inverse;
+                v = c * v - s * *new;
+            }
+            let d = from[i];
+            let r = math::sqrt(d * d + v * v);
+            turns[i] = (r / d, v / d, d / r);
+            to[i - 1] = r;
+            self.inverse_diagonal[i - 1] = 1.0 / r;
         }
         self.rows = n - 1;
     }
@@ -157,11 +154,12 @@ fn forward(lower: &[f32], inverse_diagonal: &[f32], x: &mut [f32]) {
         let l3 = &lower[start(i + 3)..start(i + 3) + i + 4];
         let (a0, a1, a2, a3) = (&l0[..i], &l1[..i], &l2[..i], &l3[..i]);
         let (mut s0, mut s1, mut s2, mut s3) = (0.0f32, 0.0f32, 0.0f32, 0.0f32);
-        for (j, &v) in done.iter().enumerate() {
-            s0 += a0[j] * v;
-            s1 += a1[j] * v;
-            s2 += a2[j] * v;
-            s3 += a3[j] * v;
+        let columns = a0.iter().zip(a1).zip(a2).zip(a3);
+        for ((((l0, l1), l2), l3), v) in columns.zip(&*done) {
+            s0 += l0 * v;
+            s1 += l1 * v;
+            s2 += l2 * v;
+            s3 += l3 * v;
         }
         let d = &inverse_diagonal[i..i + 4];
         let y0 = (todo[0] - s0) * d[0];

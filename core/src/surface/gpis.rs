@@ -45,6 +45,11 @@ struct Site<S: Space> {
     /// 1/(k(0) + σ²) of the value and of each slope: what this site alone explains.
     value_precision: f32,
     slope_precision: f32,
+    /// Variance that remains of f here when only the best other contact is known, square metres, and
+    /// the first site of that contact: how little this contact would be missed. Kept for the first
+    /// site of every contact.
+    novelty: f32,
+    neighbour: u16,
     /// Posterior weights: (K + Σ)⁻¹ (y − m) of its rows.
     value_weight: f32,
     slope_weight: S::Vector,
@@ -61,6 +66,8 @@ impl<S: Space> Site<S> {
         row: 0,
         value_precision: 0.0,
         slope_precision: 0.0,
+        novelty: 0.0,
+        neighbour: 0,
         value_weight: 0.0,
         slope_weight: S::Vector::ZERO,
     };
@@ -121,8 +128,12 @@ pub struct Gpis<
 impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, const PACKED: usize>
     Gpis<S, K, P, SITES, ROWS, PACKED>
 {
+    /// Sites and rows are counted in 16 bits.
+    const SIZES_FIT: () = assert!(SITES < u16::MAX as usize && ROWS < u16::MAX as usize);
+
     /// An empty surface, all zero bits; [`configure`](Self::configure) it before use.
     pub const fn new() -> Self {
+        let () = Self::SIZES_FIT;
         Gpis {
             kernel: K::UNSET,
             prior: P::UNSET,
@@ -309,33 +320,60 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         let felt = contact.normal.is_some();
         let normal = contact.normal.unwrap_or(S::Vector::ZERO);
         let surface = Site { point: contact.point, normal, felt, ..Site::UNSET };
-        match (contact.normal, self.training) {
+        let (leader, rows) = (self.count, self.factor.rows());
+        let outcome = match (contact.normal, self.training) {
             (None, _) => self.append(surface, value_noise, 0.0),
             (Some(_), Training::Normals) => {
                 self.append(Site { slope: true, ..surface }, value_noise, slope_noise)
             }
             (Some(normal), Training::OffSurface(distance)) => {
-                let (sites, rows) = (self.count, self.factor.rows());
                 let mut outcome = self.append(Site { followers: 2, ..surface }, value_noise, 0.0);
                 for value in [distance, -distance] {
                     let point = contact.point + normal * value;
-                    outcome = outcome.and_then(|()| {
-                        self.append(Site { point, value, ..surface }, value_noise, 0.0)
-                    });
-                }
-                if outcome.is_err() {
-                    self.count = sites;
-                    self.factor.truncate(rows);
+                    let site = Site { point, value, ..surface };
+                    outcome = outcome.and_then(|()| self.append(site, value_noise, 0.0));
                 }
                 outcome
             }
+        };
+        if outcome.is_err() {
+            self.count = leader;
+            self.factor.truncate(rows);
+        } else {
+            self.introduce(leader);
         }
+        outcome
+    }
+
+    /// Works out how novel the last contact is, and which others it makes less so.
+    fn introduce(&mut self, leader: usize) {
+        self.rate(leader);
+        let new = self.sites[leader];
+        let mut index = 0;
+        while index < leader {
+            let site = &self.sites[index];
+            let next = index + 1 + usize::from(site.followers);
+            let d2 = (site.point - new.point).norm_squared();
+            let left = self.variance_given(&new, d2, self.kernel.radial(d2));
+            if left < self.sites[index].novelty {
+                self.sites[index].novelty = left;
+                self.sites[index].neighbour = leader as u16;
+            }
+            index = next;
+        }
+    }
+
+    /// Works out the novelty of the contact whose first site is `leader` from scratch.
+    fn rate(&mut self, leader: usize) {
+        let (novelty, neighbour) = self.novelty(self.sites[leader].point, Some(leader));
+        self.sites[leader].novelty = novelty;
+        self.sites[leader].neighbour = neighbour as u16;
     }
 
     /// Removes the contact whose first site is `leader`.
     fn remove(&mut self, leader: usize) {
-        let last = leader + usize::from(self.sites[leader].followers);
-        for index in (leader..=last).rev() {
+        let followers = usize::from(self.sites[leader].followers);
+        for index in (leader..=leader + followers).rev() {
             let site = self.sites[index];
             let (row, rows) = (usize::from(site.row), site.rows());
             for r in (row..row + rows).rev() {
@@ -347,6 +385,16 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
                 later.row -= rows as u16;
             }
         }
+        let mut index = 0;
+        while index < self.count {
+            let neighbour = usize::from(self.sites[index].neighbour);
+            if neighbour == leader {
+                self.rate(index);
+            } else if neighbour > leader && neighbour < SITES {
+                self.sites[index].neighbour -= 1 + followers as u16;
+            }
+            index += 1 + usize::from(self.sites[index].followers);
+        }
     }
 
     /// Indices of the first site of every contact.
@@ -357,14 +405,17 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     }
 
     /// Variance that remains of f at `point` when only the best single contact other than `except`
-    /// is known: how little that point would be missed.
-    fn novelty(&self, point: S::Vector, except: Option<usize>) -> f32 {
-        let mut least = self.kernel.variance();
+    /// is known, and that contact's first site (`SITES` when there is none).
+    fn novelty(&self, point: S::Vector, except: Option<usize>) -> (f32, usize) {
+        let mut least = (self.kernel.variance(), SITES);
         for leader in self.leaders() {
             if Some(leader) != except {
                 let site = &self.sites[leader];
                 let d2 = (point - site.point).norm_squared();
-                least = least.min(self.variance_given(site, d2, self.kernel.radial(d2)));
+                let left = self.variance_given(site, d2, self.kernel.radial(d2));
+                if left < least.0 {
+                    least = (left, leader);
+                }
             }
         }
         least
@@ -441,12 +492,11 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         };
         let mut evicted = 0;
         while !self.fits(sites, rows) {
-            let mut least = self.novelty(contact.point, None);
+            let (mut least, _) = self.novelty(contact.point, None);
             let mut redundant = None;
             for leader in self.leaders() {
-                let novelty = self.novelty(self.sites[leader].point, Some(leader));
-                if novelty < least {
-                    least = novelty;
+                if self.sites[leader].novelty < least {
+                    least = self.sites[leader].novelty;
                     redundant = Some(leader);
                 }
             }

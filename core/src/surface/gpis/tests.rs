@@ -165,3 +165,24 @@ fn contacts_without_normals_count_as_points() {
     assert_eq!(map.rows(), 5 * 3 + 5);
     assert!(contacts.iter().all(|c| map.probe(c.point).value.abs() < 5e-4));
 }
+
+proptest! {
+    #[test]
+    fn novelty_is_kept_up_to_date(
+        places in proptest::collection::vec((-0.05f32..0.05, -0.05f32..0.05), 30),
+    ) {
+        // Thirty contacts through room for twelve: what is kept must be what a fresh look says.
+        let mut map = Gpis::<Planar, Matern32, Ball<Planar>, 12, 36, { packed(36) }>::new();
+        map.configure(MATERN, Ball::UNSET, Training::Normals);
+        let template = circle(1, 0.03)[0];
+        for (x, y) in places {
+            let _ = map.insert(&Contact { point: Vector([x, y]), ..template });
+            for leader in map.leaders() {
+                let (novelty, _) = map.novelty(map.sites[leader].point, Some(leader));
+                prop_assert!((map.sites[leader].novelty - novelty).abs() < 1e-9);
+            }
+        }
+        map.refit();
+        prop_assert!(map.probe(Vector([0.0, 0.0])).value.is_finite());
+    }
+}
