@@ -347,20 +347,26 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
 
     /// Works out how novel the last contact is, and which others it makes less so.
     fn introduce(&mut self, leader: usize) {
-        self.rate(leader);
         let new = self.sites[leader];
+        let (mut novelty, mut neighbour) = (self.kernel.variance(), SITES);
         let mut index = 0;
         while index < leader {
-            let site = &self.sites[index];
-            let next = index + 1 + usize::from(site.followers);
+            let site = self.sites[index];
             let d2 = (site.point - new.point).norm_squared();
-            let left = self.variance_given(&new, d2, self.kernel.radial(d2));
-            if left < self.sites[index].novelty {
-                self.sites[index].novelty = left;
+            let radial = self.kernel.radial(d2);
+            let (here, there) =
+                (self.variance_given(&site, d2, radial), self.variance_given(&new, d2, radial));
+            if here < novelty {
+                (novelty, neighbour) = (here, index);
+            }
+            if there < site.novelty {
+                self.sites[index].novelty = there;
                 self.sites[index].neighbour = leader as u16;
             }
-            index = next;
+            index += 1 + usize::from(site.followers);
         }
+        self.sites[leader].novelty = novelty;
+        self.sites[leader].neighbour = neighbour as u16;
     }
 
     /// Works out the novelty of the contact whose first site is `leader` from scratch.
