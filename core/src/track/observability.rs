@@ -24,8 +24,8 @@ pub struct Observability<S: Space> {
 }
 
 impl<S: Space> Observability<S> {
-    /// Eigenvalues below this count as unobservable: a tenth of what a displacement seen by every
-    /// contact gives, cos² of 72° for a single face.
+    /// Eigenvalues below this count as unobservable: what one contact in five gives when its normal
+    /// is 72° off the direction.
     pub const THRESHOLD: f32 = 0.02;
 
     /// Nothing was touched: no direction is seen.

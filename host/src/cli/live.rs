@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::wire::WireSpace;
 
-use super::slam::read_or_bundled;
+use super::slam::{TrackerKind, read_or_bundled};
 use super::{Error, say};
 use crate::link::qemu::Qemu;
 use crate::link::session::settings_for;
@@ -46,6 +46,9 @@ pub struct LiveArgs {
     /// Write all frames, both ways, to this recording (.tac)
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
+    /// What the board runs
+    #[arg(long, value_enum, default_value_t = TrackerKind::Bootstrap)]
+    tracker: TrackerKind,
     /// Seed of the board's random numbers
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -99,7 +102,9 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
     });
     let fed =
         if log.dimension == 2 { feed::<Planar>(args, &log) } else { feed::<Spatial>(args, &log) }?;
-    let tracker = "bootstrap on the board";
+    let tracker = match args.tracker {
+        TrackerKind::Bootstrap => "bootstrap on the board",
+    };
     let title = if log.description.is_empty() { &name } else { &log.description };
     let provenance = Provenance { title, tracker, tracking_seconds: fed.seconds };
     let outcome = conclude(&log, truth.as_ref(), fed.steps, provenance)
