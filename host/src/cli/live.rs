@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::wire::WireSpace;
 
-use super::slam::{TrackerKind, read_or_bundled};
+use super::slam::{Input, TrackerKind};
 use super::{Error, say};
 use crate::link::qemu::Qemu;
 use crate::link::session::settings_for;
@@ -18,7 +18,7 @@ use crate::link::tcp::Tcp;
 use crate::link::{Link, LogOutcome, Patience, Recorder, Session, virtual_board};
 use crate::log::GraspLog;
 use crate::log::recording::Header;
-use crate::slam::output::{Provenance, conclude, true_shape};
+use crate::slam::output::{Provenance, conclude};
 use crate::slam::track::Step;
 use crate::space::Bridge;
 
@@ -95,19 +95,15 @@ impl FromStr for Port {
 /// # Errors
 /// Bad input before a board is touched; a board that does not answer; unwritable results.
 pub fn run(args: &LiveArgs) -> Result<(), Error> {
-    let (log, name) = read_or_bundled(args.log.as_deref())?;
-    let truth = true_shape(&log).unwrap_or_else(|error| {
-        eprintln!("warning: {name}: {error}; errors against the truth are left out");
-        None
-    });
+    let input = Input::open(args.log.as_deref(), &args.out)?;
+    let Input { log, name, truth } = &input;
     let fed =
-        if log.dimension == 2 { feed::<Planar>(args, &log) } else { feed::<Spatial>(args, &log) }?;
+        if log.dimension == 2 { feed::<Planar>(args, log) } else { feed::<Spatial>(args, log) }?;
     let tracker = match args.tracker {
         TrackerKind::Bootstrap => "bootstrap on the board",
     };
-    let title = if log.description.is_empty() { &name } else { &log.description };
-    let provenance = Provenance { title, tracker, tracking_seconds: fed.seconds };
-    let outcome = conclude(&log, truth.as_ref(), fed.steps, provenance)
+    let provenance = Provenance { title: input.title(), tracker, tracking_seconds: fed.seconds };
+    let outcome = conclude(log, truth.as_ref(), fed.steps, provenance)
         .map_err(|e| Error::Input(format!("{name}: {e}")))?;
     outcome.write(&args.out).map_err(Error::input)?;
     if args.json {

@@ -7,8 +7,9 @@ use clap::{Args, ValueEnum};
 
 use crate::cli::{Error, say};
 use crate::log::GraspLog;
+use crate::shape::Geometry;
 use crate::slam::output::{Provenance, conclude, true_shape};
-use crate::slam::track;
+use crate::slam::{reconstruct, track};
 
 /// Reconstruct an object and its poses from a grasp log.
 ///
@@ -69,15 +70,43 @@ pub enum Poses {
 const BUNDLED: &str = include_str!("../../assets/bundled.jsonl");
 const BUNDLED_NAME: &str = "bundled recording";
 
-/// The log and its name; without a path, the bundled one.
-pub(super) fn read_or_bundled(path: Option<&Path>) -> Result<(GraspLog, String), Error> {
-    Ok(match path {
-        Some(path) => (GraspLog::read(path).map_err(Error::input)?, path.display().to_string()),
-        None => (
-            GraspLog::parse(BUNDLED.as_bytes(), BUNDLED_NAME.as_ref()).map_err(Error::input)?,
-            BUNDLED_NAME.to_owned(),
-        ),
-    })
+/// What a run starts from.
+pub(super) struct Input {
+    pub log: GraspLog,
+    /// What to call the log in messages.
+    pub name: String,
+    pub truth: Option<Geometry>,
+}
+
+impl Input {
+    /// Reads the log (the bundled one without a path) and its true shape, and refuses what could not
+    /// be finished before anything long is begun.
+    pub fn open(path: Option<&Path>, out: &Path) -> Result<Input, Error> {
+        let (log, name) = match path {
+            Some(path) => (GraspLog::read(path).map_err(Error::input)?, path.display().to_string()),
+            None => (
+                GraspLog::parse(BUNDLED.as_bytes(), BUNDLED_NAME.as_ref()).map_err(Error::input)?,
+                BUNDLED_NAME.to_owned(),
+            ),
+        };
+        reconstruct::check(&log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
+        if out.exists() && !out.is_dir() {
+            return Err(Error::Input(format!(
+                "{}: expected a folder for the results, found a file",
+                out.display()
+            )));
+        }
+        let truth = true_shape(&log).unwrap_or_else(|error| {
+            eprintln!("warning: {name}: {error}; errors against the truth are left out");
+            None
+        });
+        Ok(Input { log, name, truth })
+    }
+
+    /// Title of the picture.
+    pub fn title(&self) -> &str {
+        if self.log.description.is_empty() { &self.name } else { &self.log.description }
+    }
 }
 
 /// Runs the subcommand.
@@ -85,28 +114,24 @@ pub(super) fn read_or_bundled(path: Option<&Path>) -> Result<(GraspLog, String),
 /// # Errors
 /// Bad input before anything is written; unwritable results.
 pub fn run(args: &SlamArgs) -> Result<(), Error> {
-    let (log, name) = read_or_bundled(args.log.as_deref())?;
-    let truth = true_shape(&log).unwrap_or_else(|error| {
-        eprintln!("warning: {name}: {error}; errors against the truth are left out");
-        None
-    });
+    let input = Input::open(args.log.as_deref(), &args.out)?;
+    let Input { log, name, truth } = &input;
     let start = Instant::now();
     let (steps, tracker) = match args.poses {
         Poses::Truth => {
-            let steps = track::truth(&log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
+            let steps = track::truth(log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
             (steps, "truth")
         }
         Poses::Estimated => match args.tracker {
             TrackerKind::Bootstrap => {
-                (track::bootstrap(&log, &track::settings(&log, args.seed)), "bootstrap")
+                (track::bootstrap(log, &track::settings(log, args.seed)), "bootstrap")
             }
         },
     };
     let tracking_seconds = start.elapsed().as_secs_f64();
-    let title = if log.description.is_empty() { &name } else { &log.description };
-    let outcome =
-        conclude(&log, truth.as_ref(), steps, Provenance { title, tracker, tracking_seconds })
-            .map_err(|e| Error::Input(format!("{name}: {e}")))?;
+    let provenance = Provenance { title: input.title(), tracker, tracking_seconds };
+    let outcome = conclude(log, truth.as_ref(), steps, provenance)
+        .map_err(|e| Error::Input(format!("{name}: {e}")))?;
     outcome.write(&args.out).map_err(Error::input)?;
     if args.json {
         say(outcome.report.to_json().map_err(Error::failure)?.trim_end());

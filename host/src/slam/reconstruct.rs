@@ -40,6 +40,18 @@ pub enum Error {
     /// Not one contact in the log.
     #[error("no contacts: there is nothing to reconstruct")]
     NoContacts,
+    /// More contacts than a dense Gaussian process takes.
+    #[error(
+        "field `contacts`: expected at most {most} contacts with normals in the whole log, which \
+         make {} rows of a dense surface; found {rows} rows",
+        Gpis::MOST_ROWS
+    )]
+    TooMany {
+        /// Rows the log would make: one for every contact, one more per axis for its normal.
+        rows: usize,
+        /// Contacts with normals that fit.
+        most: usize,
+    },
     /// The Gaussian process cannot be fitted.
     #[error("surface: {0}")]
     Surface(#[from] SurfaceError),
@@ -55,6 +67,23 @@ const SPATIAL_CELLS: f64 = 40.0;
 
 /// Contacts that decide the hyper-parameters at most; the fit itself uses all.
 const DECIDING: usize = 150;
+
+/// Refuses a log that [`reconstruct()`] could not take, before anything long is begun.
+///
+/// # Errors
+/// Without contacts, or with too many.
+pub fn check(log: &GraspLog) -> Result<(), Error> {
+    let contacts = log.grasps.iter().flat_map(|g| &g.contacts);
+    let rows: usize =
+        contacts.map(|c| 1 + if c.normal.is_some() { log.dimension } else { 0 }).sum();
+    match rows {
+        0 => Err(Error::NoContacts),
+        rows if rows > Gpis::MOST_ROWS => {
+            Err(Error::TooMany { rows, most: Gpis::MOST_ROWS / (1 + log.dimension) })
+        }
+        _ => Ok(()),
+    }
+}
 
 /// Places every contact of the log by the steps' poses and reconstructs the object.
 ///
