@@ -12,6 +12,7 @@ use crate::quantity::{self, Deviation};
 
 /// Make a grasp log of other people's data
 #[derive(Debug, Args)]
+#[command(after_help = "Example: tactile import csv contacts.csv --unit mm -o contacts.jsonl")]
 pub struct ImportArgs {
     #[command(subcommand)]
     source: Source,
