@@ -186,3 +186,37 @@ proptest! {
         prop_assert!(map.probe(Vector([0.0, 0.0])).value.is_finite());
     }
 }
+
+#[test]
+fn an_endless_stream_does_not_wear_the_factor_out() {
+    let mut map = Plane::<Matern32>::new();
+    map.configure(MATERN, Ball::UNSET, Training::Normals);
+    let mut random = crate::random::Random::new(9);
+    let mut replaced = 0;
+    for _ in 0..3000 {
+        let (s, c) = crate::math::sin_cos(core::f32::consts::TAU * random.uniform());
+        let noise: Vector<2> = random.normal();
+        let contact = Contact {
+            point: Vector([0.05 * c, 0.03 * s]) + noise * 1e-3,
+            normal: Vector([c / 0.05, s / 0.03]).normalized(),
+            point_deviation: 1e-3,
+            normal_deviation: 0.0873,
+            finger: 0,
+        };
+        replaced += usize::from(map.insert(&contact) == Insertion::Replaced(1));
+    }
+    map.refit();
+    assert!(replaced > 20, "{replaced}");
+    let kept: Vec<Contact<Planar>> = map
+        .sites()
+        .iter()
+        .map(|site| Contact { point: site.point, normal: Some(site.normal), ..circle(1, 0.03)[0] })
+        .collect();
+    let fresh = learnt(MATERN, Training::Normals, &kept);
+    for i in 0..40 {
+        let (s, c) = (0.157 * i as f32).sin_cos();
+        let q = Vector([0.06 * c, 0.04 * s]);
+        assert!((map.probe(q).value - fresh.probe(q).value).abs() < 5e-6);
+        assert!((map.variance(q) - fresh.variance(q)).abs() < 1e-8 + 0.01 * fresh.variance(q));
+    }
+}
