@@ -7,6 +7,7 @@
 //! p ± d·n. A contact without a normal gives its value row alone.
 
 use crate::contact::Contact;
+use crate::math;
 use crate::matrix::Coordinates;
 use crate::space::Space;
 use crate::surface::cholesky::{Cholesky, NotPositiveDefinite};
@@ -473,16 +474,16 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             let along = site.slope_weight.dot(d);
             value += site.value_weight * k - a * along;
             gradient += d * (site.value_weight * a - b * along) - site.slope_weight * a;
-            variance = variance.min(self.variance_given(site, d2, radial));
-            slope_variance = slope_variance.min(self.slope_variance_given(site, d2, radial));
-            nearest = nearest.min(d2);
+            variance = math::min(self.variance_given(site, d2, radial), variance);
+            slope_variance = math::min(self.slope_variance_given(site, d2, radial), slope_variance);
+            nearest = math::min(d2, nearest);
         }
         Probe {
             value,
             gradient,
-            variance: variance.max(0.0),
-            slope_variance: slope_variance.max(0.0),
-            nearest: crate::math::sqrt(nearest),
+            variance: math::max(variance, 0.0),
+            slope_variance: math::max(slope_variance, 0.0),
+            nearest: math::sqrt(nearest),
         }
     }
 }

@@ -96,7 +96,7 @@ impl Kernel for Matern32 {
     #[inline(always)]
     fn radial(&self, r2: f32) -> Radial {
         let rate = SQRT_3 / self.lengthscale;
-        let r = math::sqrt(if r2 > NEAR { r2 } else { NEAR });
+        let r = math::sqrt(math::max(r2, NEAR));
         let e = self.amplitude * self.amplitude * math::exp(-rate * r);
         let a = -rate * rate * e;
         Radial { k: (1.0 + rate * r) * e, a, b: -a * rate / r }
@@ -137,7 +137,7 @@ impl Kernel for ThinPlate {
 
     #[inline(always)]
     fn radial(&self, r2: f32) -> Radial {
-        let r = math::sqrt(if r2 > NEAR { r2 } else { NEAR });
+        let r = math::sqrt(math::max(r2, NEAR));
         let scale = self.amplitude * self.amplitude / (self.range * self.range * self.range);
         Radial { k: self.value(r2), a: 6.0 * scale * (r - self.range), b: 6.0 * scale / r }
     }
