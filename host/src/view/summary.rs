@@ -128,7 +128,11 @@ pub fn render(summary: &Summary) -> Result<Vec<u8>, PictureError> {
     let mut canvas = Canvas::new(width, height, PAPER)?;
     let shown = Shown::new(summary);
 
-    let headline = Style::new(30.0, INK).bold();
+    // A long title is set smaller before it is cut.
+    let sizes = [30.0, 26.0, 22.0, 19.0];
+    let headlines = sizes.map(|size| Style::new(size, INK).bold());
+    let fits = |style: &&Style| canvas.text_width(**style, &summary.title) <= 1520.0;
+    let headline = *headlines.iter().find(fits).unwrap_or(&headlines[sizes.len() - 1]);
     let title = canvas.fitted(headline, &summary.title, 1520.0);
     canvas.text([40.0, 58.0], headline, &title);
     figures(&mut canvas, &summary.figures);
