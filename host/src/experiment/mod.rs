@@ -132,14 +132,14 @@ impl fmt::Display for Table {
         writeln!(f, "{}", self.title)?;
         writeln!(
             f,
-            "  {:<34}{:>7}  {:<22}{:<20}{:<22}{:<22}{:>8}  reference",
+            "  {:<42}{:>7}  {:<22}{:<20}{:<22}{:<22}{:>8}  reference",
             "case", "runs", "Hausdorff mm", "mean mm", "pose mm", "pose °", "< 9 mm"
         )?;
         let show = |s: &Option<Spread>| s.map_or("–".to_owned(), |s| s.to_string());
         for row in &self.rows {
             writeln!(
                 f,
-                "  {:<34}{:>7}  {:<22}{:<20}{:<22}{:<22}{:>8}  {}",
+                "  {:<42}{:>7}  {:<22}{:<20}{:<22}{:<22}{:>8}  {}",
                 row.case,
                 format!("{}/{}", row.runs.0, row.runs.1),
                 show(&row.hausdorff_mm),
