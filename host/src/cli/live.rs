@@ -18,6 +18,7 @@ use crate::link::tcp::Tcp;
 use crate::link::{Link, LogOutcome, Patience, Recorder, Session, virtual_board};
 use crate::log::GraspLog;
 use crate::log::recording::Header;
+use crate::slam::choose::Choice;
 use crate::slam::output::{Provenance, conclude, true_shape};
 use crate::slam::track::Step;
 use crate::space::Bridge;
@@ -106,7 +107,8 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
         TrackerKind::Bootstrap => "bootstrap on the board",
     };
     let title = if log.description.is_empty() { &name } else { &log.description };
-    let provenance = Provenance { title, tracker, tracking_seconds: fed.seconds };
+    let provenance =
+        Provenance { title, tracker, surface: Choice::Auto, tracking_seconds: fed.seconds };
     let outcome = conclude(&log, truth.as_ref(), fed.steps, provenance)
         .map_err(|e| Error::Input(format!("{name}: {e}")))?;
     outcome.write(&args.out).map_err(Error::input)?;

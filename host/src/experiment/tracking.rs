@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use crate::experiment::{Row, Table, evaluate};
 use crate::quantity::Deviation;
 use crate::sim::{ObjectSpec, Options, SimError, simulate};
+use crate::slam::choose::Choice;
 use crate::slam::track;
 
 const OBJECTS: [&str; 2] = ["rectangle:0.10x0.06", "hexagon:0.045"];
@@ -29,7 +30,7 @@ pub fn run(seeds: u64) -> Result<Table, SimError> {
                     let simulation = simulate(&Options { seed, ..options.clone() }).ok()?;
                     let steps =
                         track::bootstrap(&simulation.log, &track::settings(&simulation.log, seed));
-                    evaluate(&simulation.log, Some(&simulation.geometry), steps, "bootstrap")
+                    evaluate(&simulation.log, Some(&simulation.geometry), steps, "bootstrap", Choice::Auto)
                 })
                 .collect();
             let mut row =
