@@ -115,12 +115,7 @@ pub struct Faces<S: Space, const FACES: usize> {
 impl<S: Space, const FACES: usize> Faces<S, FACES> {
     /// No faces yet.
     pub const fn new() -> Self {
-        Faces {
-            moments: [Moments::NONE; FACES],
-            faces: [Face::UNSET; FACES],
-            count: 0,
-            refused: 0,
-        }
+        Faces { moments: [Moments::NONE; FACES], faces: [Face::UNSET; FACES], count: 0, refused: 0 }
     }
 
     /// The planes, in no particular order.

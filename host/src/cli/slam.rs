@@ -113,9 +113,8 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
         SurfaceKind::Gp => Choice::Gp,
     };
     let provenance = Provenance { title, tracker, surface, tracking_seconds };
-    let outcome =
-        conclude(&log, truth.as_ref(), steps, provenance)
-            .map_err(|e| Error::Input(format!("{name}: {e}")))?;
+    let outcome = conclude(&log, truth.as_ref(), steps, provenance)
+        .map_err(|e| Error::Input(format!("{name}: {e}")))?;
     outcome.write(&args.out).map_err(Error::input)?;
     if args.json {
         say(outcome.report.to_json().map_err(Error::failure)?.trim_end());

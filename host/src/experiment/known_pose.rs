@@ -62,12 +62,8 @@ pub fn run(seeds: u64) -> Result<Table, SimError> {
 
 /// One object from so many contacts, with each seed from 0 on.
 pub fn one(spec: &ObjectSpec, contacts: usize, choice: Choice, seeds: u64) -> Row {
-    let options = Options {
-        grasps: Some(1),
-        contacts,
-        touch: Touch::Uniform,
-        ..Options::new(spec.clone())
-    };
+    let options =
+        Options { grasps: Some(1), contacts, touch: Touch::Uniform, ..Options::new(spec.clone()) };
     let reports: Vec<_> = (0..seeds)
         .into_par_iter()
         .filter_map(|seed| {

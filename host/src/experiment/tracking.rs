@@ -30,7 +30,13 @@ pub fn run(seeds: u64) -> Result<Table, SimError> {
                     let simulation = simulate(&Options { seed, ..options.clone() }).ok()?;
                     let steps =
                         track::bootstrap(&simulation.log, &track::settings(&simulation.log, seed));
-                    evaluate(&simulation.log, Some(&simulation.geometry), steps, "bootstrap", Choice::Auto)
+                    evaluate(
+                        &simulation.log,
+                        Some(&simulation.geometry),
+                        steps,
+                        "bootstrap",
+                        Choice::Auto,
+                    )
                 })
                 .collect();
             let mut row =

@@ -200,6 +200,9 @@ impl Faces {
             merge(&mut groups, gate);
         }
         let mut faces = solved(&groups, dimension);
+        if faces.is_empty() {
+            return None;
+        }
         let mut owners: Vec<usize> = Vec::new();
         for _ in 0..ROUNDS {
             let before = std::mem::take(&mut owners);
@@ -220,7 +223,8 @@ impl Faces {
         let owners: Vec<usize> =
             felt.iter().map(|(c, n)| nearest(&faces, c, n)).collect::<Option<_>>()?;
         let chi_squared = felt.iter().zip(&owners).map(|((c, n), o)| faces[*o].cost(c, n)).sum();
-        let (bending, protrusion) = (bending(&felt, &owners, &faces), protrusion(&felt, &owners, &faces));
+        let (bending, protrusion) =
+            (bending(&felt, &owners, &faces), protrusion(&felt, &owners, &faces));
         let degrees = (dimension * felt.len()) as f64 - (dimension * faces.len()) as f64;
         Some(Faces { dimension, faces, chi_squared, degrees, bending, protrusion })
     }
@@ -232,10 +236,7 @@ impl Faces {
 
     /// max (n·p − ρ) and the face that attains it; `None` without faces.
     pub fn active(&self, point: &Point) -> Option<(f64, &Face)> {
-        self.faces
-            .iter()
-            .map(|face| (face.value(point), face))
-            .max_by(|a, b| a.0.total_cmp(&b.0))
+        self.faces.iter().map(|face| (face.value(point), face)).max_by(|a, b| a.0.total_cmp(&b.0))
     }
 }
 

@@ -76,7 +76,8 @@ fn polygon(faces: &[Face], centre: &Point, reach: f64) -> Option<Polytope> {
         .map(|v| {
             let at = ring.iter().position(|(p, _)| [p.x, p.y] == *v)?;
             let before = planes[(at + planes.len() - 1) % planes.len()];
-            let meeting = if before == planes[at] { vec![before] } else { vec![before, planes[at]] };
+            let meeting =
+                if before == planes[at] { vec![before] } else { vec![before, planes[at]] };
             Some(deviation(faces, &meeting, &Point::new(v[0], v[1], 0.0)))
         })
         .collect::<Option<_>>()?;
@@ -93,17 +94,11 @@ fn polyhedron(faces: &[Face], centre: &Point, reach: f64) -> Option<Polytope> {
             centre + Point::new(sign(1), sign(2), sign(4)) * reach
         })
         .collect();
-    let mut facets: Vec<Facet> = [
-        [0, 2, 3, 1],
-        [4, 5, 7, 6],
-        [0, 1, 5, 4],
-        [2, 6, 7, 3],
-        [0, 4, 6, 2],
-        [1, 3, 7, 5],
-    ]
-    .into_iter()
-    .map(|f| (None, f.to_vec()))
-    .collect();
+    let mut facets: Vec<Facet> =
+        [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+            .into_iter()
+            .map(|f| (None, f.to_vec()))
+            .collect();
     for (number, face) in faces.iter().enumerate() {
         cut(&mut vertices, &mut facets, number, face);
     }
@@ -200,14 +195,7 @@ mod tests {
     }
 
     fn of(dimension: usize, faces: Vec<Face>) -> Faces {
-        Faces {
-            dimension,
-            faces,
-            chi_squared: 0.0,
-            degrees: 1.0,
-            bending: 0.0,
-            protrusion: 0.0,
-        }
+        Faces { dimension, faces, chi_squared: 0.0, degrees: 1.0, bending: 0.0, protrusion: 0.0 }
     }
 
     fn sides(half: &[f64]) -> Vec<Face> {

@@ -137,7 +137,11 @@ impl<S: Space> Moments<S> {
             if !((norm - 1.0).abs() > 1e-6) {
                 break;
             }
-            if norm > 1.0 { low = low.max(lambda) } else { high = high.min(lambda) }
+            if norm > 1.0 {
+                low = low.max(lambda)
+            } else {
+                high = high.min(lambda)
+            }
             let curvature = u.dot(solve::<S>(&factor, u));
             lambda += norm * norm / curvature * (norm - 1.0);
             if !(lambda > low && lambda < high) {
@@ -149,8 +153,7 @@ impl<S: Space> Moments<S> {
         // Normals that contradict the points leave little or negative λ; a thousandth of their
         // weight keeps the covariance finite.
         let lambda = normal.dot(self.normals - pressed).max(1e-3 * self.normal_weight);
-        let cost =
-            normal.dot(pressed) + 2.0 * (self.normal_weight - normal.dot(self.normals));
+        let cost = normal.dot(pressed) + 2.0 * (self.normal_weight - normal.dot(self.normals));
         let covariance = tangent_inverse::<S>(&self.scatter, normal, pressed, lambda)?;
         Some(Face {
             normal,

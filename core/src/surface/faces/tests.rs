@@ -81,9 +81,10 @@ fn learnt<S: Space, const FACES: usize>(contacts: &[Contact<S>]) -> Faces<S, FAC
 fn explains<S: Space, const N: usize>(faces: &Faces<S, N>, sides: &[Side<S>], sigmas: f32) {
     assert_eq!(faces.faces().len(), sides.len());
     for side in sides {
-        let face = faces.faces().iter().max_by(|a, b| {
-            a.normal.dot(side.normal).total_cmp(&b.normal.dot(side.normal))
-        });
+        let face = faces
+            .faces()
+            .iter()
+            .max_by(|a, b| a.normal.dot(side.normal).total_cmp(&b.normal.dot(side.normal)));
         let face = face.unwrap();
         for t in core::iter::once(S::Vector::ZERO).chain(side.tangents.iter().copied()) {
             let at = side.centre + t;
@@ -225,7 +226,8 @@ fn a_curve_does_not_fit_and_a_hollow_shows() {
 fn capacity_keeps_faces_with_support_and_says_what_it_refused() {
     let contacts = touch(&rectangle(), 5, &mut Random::new(3));
     let mut faces = learnt::<Planar, 4>(&contacts);
-    let odd = Contact { normal: Some(Vector([0.8, 0.6])), point: Vector([0.07, 0.05]), ..contacts[0] };
+    let odd =
+        Contact { normal: Some(Vector([0.8, 0.6])), point: Vector([0.07, 0.05]), ..contacts[0] };
     assert_eq!(faces.insert(&odd), Insertion::Dropped);
     assert_eq!((faces.refused(), faces.is_convex(), faces.contacts()), (1, false, 20));
 
