@@ -2,11 +2,13 @@
 //! distance in metres, in the object frame.
 
 pub mod cholesky;
+pub mod faces;
 pub mod gpis;
 pub mod grid;
 pub mod kernel;
 pub mod prior;
 
+pub use faces::{Face, Faces};
 pub use gpis::{Gpis, Training};
 pub use grid::Grid;
 pub use kernel::{Kernel, Matern32, SquaredExponential, ThinPlate};

@@ -18,6 +18,7 @@ use crate::link::tcp::Tcp;
 use crate::link::{Link, LogOutcome, Patience, Recorder, Session, virtual_board};
 use crate::log::GraspLog;
 use crate::log::recording::Header;
+use crate::slam::choose::Choice;
 use crate::slam::output::{Provenance, conclude};
 use crate::slam::track::Step;
 use crate::space::Bridge;
@@ -102,7 +103,9 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
     let tracker = match args.tracker {
         TrackerKind::Bootstrap => "bootstrap on the board",
     };
-    let provenance = Provenance { title: input.title(), tracker, tracking_seconds: fed.seconds };
+    let title = input.title();
+    let provenance =
+        Provenance { title, tracker, surface: Choice::Auto, tracking_seconds: fed.seconds };
     let outcome = conclude(log, truth.as_ref(), fed.steps, provenance)
         .map_err(|e| Error::Input(format!("{name}: {e}")))?;
     outcome.write(&args.out).map_err(Error::input)?;

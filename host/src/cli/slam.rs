@@ -8,6 +8,7 @@ use clap::{Args, ValueEnum};
 use crate::cli::{Error, say};
 use crate::log::GraspLog;
 use crate::shape::Geometry;
+use crate::slam::choose::Choice;
 use crate::slam::output::{Provenance, conclude, true_shape};
 use crate::slam::{reconstruct, track};
 
@@ -25,7 +26,7 @@ pub struct SlamArgs {
     #[arg(long, value_enum, default_value_t = TrackerKind::Bootstrap)]
     tracker: TrackerKind,
     /// Surface model
-    #[arg(long, value_enum, default_value_t = SurfaceKind::Gp)]
+    #[arg(long, value_enum, default_value_t = SurfaceKind::Auto)]
     surface: SurfaceKind,
     /// Where poses come from: the tracker, or the log's truth (an experiment)
     #[arg(long, value_enum, default_value_t = Poses::Estimated)]
@@ -51,8 +52,10 @@ pub enum TrackerKind {
 /// Surface models on offer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SurfaceKind {
-    /// The model that suits the contacts: the Gaussian process is the only one so far
+    /// Fitted faces where the contacts show a closed convex polytope, else the Gaussian process
     Auto,
+    /// Fitted faces: planes that meet in sharp edges; refused where they leave the object open
+    Faces,
     /// Gaussian process implicit surface
     Gp,
 }
@@ -129,7 +132,12 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
         },
     };
     let tracking_seconds = start.elapsed().as_secs_f64();
-    let provenance = Provenance { title: input.title(), tracker, tracking_seconds };
+    let surface = match args.surface {
+        SurfaceKind::Auto => Choice::Auto,
+        SurfaceKind::Faces => Choice::Faces,
+        SurfaceKind::Gp => Choice::Gp,
+    };
+    let provenance = Provenance { title: input.title(), tracker, surface, tracking_seconds };
     let outcome = conclude(log, truth.as_ref(), steps, provenance)
         .map_err(|e| Error::Input(format!("{name}: {e}")))?;
     outcome.write(&args.out).map_err(Error::input)?;

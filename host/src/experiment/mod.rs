@@ -12,6 +12,7 @@ use serde::Serialize;
 
 use crate::log::GraspLog;
 use crate::shape::Geometry;
+use crate::slam::choose::Choice;
 use crate::slam::output::{Provenance, conclude};
 use crate::slam::track::Step;
 use crate::view::report::Report;
@@ -31,8 +32,9 @@ fn evaluate(
     truth: Option<&Geometry>,
     steps: Vec<Step>,
     tracker: &str,
+    surface: Choice,
 ) -> Option<Report> {
-    let provenance = Provenance { title: "", tracker, tracking_seconds: 0.0 };
+    let provenance = Provenance { title: "", tracker, surface, tracking_seconds: 0.0 };
     conclude(log, truth, steps, provenance).ok().map(|outcome| outcome.report)
 }
 
@@ -96,6 +98,8 @@ pub struct Row {
     pub pose_deg: Option<Spread>,
     /// Runs with an aligned Hausdorff distance below 9 mm (the thesis' bound), as a fraction.
     pub success: Option<f64>,
+    /// Runs for which faces were the surface model, as a fraction of those that gave a result.
+    pub faces: Option<f64>,
     /// What the thesis or our goal says, in words.
     pub reference: String,
 }
@@ -113,6 +117,10 @@ impl Row {
             pose_mm: spread(|r| r.pose.rms_translation_mm),
             pose_deg: spread(|r| r.pose.rms_rotation_deg),
             success: (seeds > 0).then(|| reports.iter().filter(good).count() as f64 / seeds as f64),
+            faces: (!reports.is_empty()).then(|| {
+                let faces = reports.iter().filter(|r| r.surface.model == "faces").count();
+                faces as f64 / reports.len() as f64
+            }),
             reference: String::new(),
         }
     }
@@ -132,21 +140,23 @@ impl fmt::Display for Table {
         writeln!(f, "{}", self.title)?;
         writeln!(
             f,
-            "  {:<42}{:>7}  {:<22}{:<20}{:<22}{:<22}{:>8}  reference",
-            "case", "runs", "Hausdorff mm", "mean mm", "pose mm", "pose °", "< 9 mm"
+            "  {:<44}{:>7}  {:<22}{:<20}{:<22}{:<22}{:>8}{:>8}  reference",
+            "case", "runs", "Hausdorff mm", "mean mm", "pose mm", "pose °", "< 9 mm", "faces"
         )?;
         let show = |s: &Option<Spread>| s.map_or("–".to_owned(), |s| s.to_string());
+        let share = |s: Option<f64>| s.map_or("–".to_owned(), |s| format!("{:.0} %", 100.0 * s));
         for row in &self.rows {
             writeln!(
                 f,
-                "  {:<42}{:>7}  {:<22}{:<20}{:<22}{:<22}{:>8}  {}",
+                "  {:<44}{:>7}  {:<22}{:<20}{:<22}{:<22}{:>8}{:>8}  {}",
                 row.case,
                 format!("{}/{}", row.runs.0, row.runs.1),
                 show(&row.hausdorff_mm),
                 show(&row.mean_mm),
                 show(&row.pose_mm),
                 show(&row.pose_deg),
-                row.success.map_or("–".to_owned(), |s| format!("{:.0} %", 100.0 * s)),
+                share(row.success),
+                share(row.faces),
                 row.reference
             )?;
         }

@@ -6,6 +6,7 @@ use tactile_core::track::{Gate, Settings};
 use crate::experiment::{Row, Table, evaluate};
 use crate::quantity::Deviation;
 use crate::sim::{ObjectSpec, Options, SimError, simulate};
+use crate::slam::choose::Choice;
 use crate::slam::track;
 use crate::view::report::Report;
 
@@ -54,5 +55,5 @@ fn track(options: &Options, gate: Option<Gate>) -> Option<Report> {
     let simulation = simulate(options).ok()?;
     let settings = Settings { gate, ..track::settings(&simulation.log, options.seed) };
     let steps = track::bootstrap(&simulation.log, &settings);
-    evaluate(&simulation.log, Some(&simulation.geometry), steps, "bootstrap")
+    evaluate(&simulation.log, Some(&simulation.geometry), steps, "bootstrap", Choice::Auto)
 }

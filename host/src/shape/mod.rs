@@ -8,6 +8,7 @@ pub mod lattice;
 pub mod mesh;
 pub mod metrics;
 pub mod outline;
+pub mod polytope;
 pub mod surface;
 
 pub use mesh::Mesh;

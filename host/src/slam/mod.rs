@@ -1,9 +1,10 @@
 //! The main job: a grasp log in, the object's poses and shape out.
 //!
 //! [`track`] follows the object with the core's tracker (or takes the log's true poses),
-//! [`reconstruct`] builds the surface from all contacts at those poses, and [`output`] evaluates and
-//! writes what a reader wants: report, shape, trajectory and picture.
+//! [`reconstruct`] builds the surface that [`choose`] finds fit from all contacts at those poses, and
+//! [`output`] evaluates and writes what a reader wants: report, shape, trajectory and picture.
 
+pub mod choose;
 pub mod output;
 pub mod reconstruct;
 pub mod track;

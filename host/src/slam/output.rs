@@ -7,6 +7,7 @@ use std::time::Instant;
 use crate::log::{GraspLog, TrueShape};
 use crate::shape::files::{self, FileError};
 use crate::shape::{Geometry, Outline, ShapeError};
+use crate::slam::choose::Choice;
 use crate::slam::reconstruct::{self, Reconstruction, reconstruct};
 use crate::slam::track::Step;
 use crate::view::report::{JudgedGrasp, Report, Run, gauge, pose_errors};
@@ -60,7 +61,9 @@ pub struct Provenance<'a> {
     pub title: &'a str,
     /// Which tracker estimated the poses.
     pub tracker: &'a str,
-    /// How long it took, seconds.
+    /// Which surface model is wanted.
+    pub surface: Choice,
+    /// How long the tracker took, seconds.
     pub tracking_seconds: f64,
 }
 
@@ -76,14 +79,14 @@ pub fn conclude(
     provenance: Provenance<'_>,
 ) -> Result<Outcome, reconstruct::Error> {
     let start = Instant::now();
-    let reconstruction = reconstruct(log, &steps)?;
+    let reconstruction = reconstruct(log, &steps, provenance.surface)?;
     let seconds =
         [("track", provenance.tracking_seconds), ("surface", start.elapsed().as_secs_f64())];
     let grasps = judged(log, &steps);
     let report = Report::new(&Run {
         dimension: log.dimension,
         tracker: provenance.tracker,
-        model: "gp",
+        model: reconstruction.model.name(),
         grasps: &grasps,
         estimate: Some(&reconstruction.geometry),
         truth,

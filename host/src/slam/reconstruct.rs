@@ -1,5 +1,5 @@
-//! From contacts at known poses to a surface: the dense Gaussian process, its hyper-parameters by
-//! marginal likelihood, and the outline or mesh of its zero set.
+//! From contacts at known poses to a surface: fitted faces where they suit, else the dense Gaussian
+//! process, its hyper-parameters by marginal likelihood, and the outline or mesh of its zero set.
 
 use nalgebra::{Matrix6, Vector6};
 
@@ -8,6 +8,7 @@ use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
 use crate::shape::lattice::LatticeError;
 use crate::shape::{Geometry, contour, surface};
+use crate::slam::choose::{self, Choice, Model, Refusal};
 use crate::slam::deviations;
 use crate::slam::track::Step;
 use crate::space::{Point, Pose};
@@ -24,14 +25,14 @@ pub struct Placed {
 /// A reconstructed object.
 #[derive(Clone, Debug)]
 pub struct Reconstruction {
-    /// Outline or mesh of the touched part of the zero set, object frame.
+    /// Outline or mesh, object frame: the polytope of the faces, or the touched part of the zero set.
     pub geometry: Geometry,
     /// Standard deviation along the normal at each of its vertices, metres.
     pub deviations: Vec<f64>,
     /// The contacts it was made of.
     pub contacts: Vec<Placed>,
-    /// The kernel that explained them best.
-    pub kernel: Kernel,
+    /// What it was made with.
+    pub model: Model,
 }
 
 /// Why there is no reconstruction.
@@ -55,6 +56,9 @@ pub enum Error {
     /// The Gaussian process cannot be fitted.
     #[error("surface: {0}")]
     Surface(#[from] SurfaceError),
+    /// Faces were asked for and make no closed shape.
+    #[error("faces: {0}")]
+    Faces(Refusal),
     /// The contacts span no usable volume.
     #[error("surface extraction: {0}")]
     Lattice(#[from] LatticeError),
@@ -88,13 +92,32 @@ pub fn check(log: &GraspLog) -> Result<(), Error> {
 /// Places every contact of the log by the steps' poses and reconstructs the object.
 ///
 /// # Errors
-/// Without contacts, or when they are too many or too coincident for a dense surface.
-pub fn reconstruct(log: &GraspLog, steps: &[Step]) -> Result<Reconstruction, Error> {
+/// Without contacts; when faces are asked for and leave the object open; when the contacts are too
+/// many or too coincident for a dense surface.
+pub fn reconstruct(
+    log: &GraspLog,
+    steps: &[Step],
+    choice: Choice,
+) -> Result<Reconstruction, Error> {
     let placed = place(log, steps);
     let contacts: Vec<Contact> = placed.iter().map(|p| p.contact).collect();
-    let gpis = fit(log.dimension, &contacts)?;
-    let (geometry, deviations) = extract(log.dimension, &gpis.1, &contacts)?;
-    Ok(Reconstruction { geometry, deviations, contacts: placed, kernel: gpis.0 })
+    if contacts.is_empty() {
+        return Err(Error::NoContacts);
+    }
+    let polytope = match choice {
+        Choice::Auto => choose::judge(log.dimension, &contacts).ok(),
+        Choice::Faces => Some(choose::polytope(log.dimension, &contacts).map_err(Error::Faces)?),
+        Choice::Gp => None,
+    };
+    let (model, geometry, deviations) = match polytope {
+        Some((faces, shape)) => (Model::Faces(faces), shape.geometry, shape.deviations),
+        None => {
+            let (kernel, gpis) = fit(log.dimension, &contacts)?;
+            let (geometry, deviations) = extract(log.dimension, &gpis, &contacts)?;
+            (Model::Gp(kernel), geometry, deviations)
+        }
+    };
+    Ok(Reconstruction { geometry, deviations, contacts: placed, model })
 }
 
 /// The log's contacts in the object frame. The doubt about a pose along a contact's normal, and
@@ -208,7 +231,7 @@ impl Reconstruction {
                 .iter()
                 .map(|p| Placed { contact: p.contact.transformed(pose), ..*p })
                 .collect(),
-            kernel: self.kernel,
+            model: self.model.clone(),
         }
     }
 }

@@ -1,0 +1,353 @@
+//! A convex object as planes: n·p = ρ, each with covariance, fitted to all contacts at once.
+//!
+//! A contact (p, N) with deviations σ_p and σ_θ on the plane (n, ρ) costs
+//! (n·p − ρ)²/σ_p² + |N − n|²/σ_θ², whose sum over a face depends on its contacts only through
+//! additive moments about their centroid ([`Moments`]). So faces are found by merging: every
+//! contact starts as its own face, and the two faces whose union costs least are merged while that
+//! costs no more than noise would; contacts are then handed to the face that suits them best, and
+//! merging is tried again. The prototype's greedy clustering (expectation–maximisation from contacts
+//! in order of arrival) depends on that order; this does not.
+
+use nalgebra::{Matrix3, SymmetricEigen};
+
+use super::Contact;
+use crate::shape::Field;
+use crate::space::Point;
+
+/// Cost above which two faces are not the same plane: χ² with 2 or 3 degrees of freedom exceeds it
+/// once in ten thousand.
+const GATE: [f64; 2] = [18.4, 21.1];
+
+/// Rounds of handing contacts over and merging; changes end after two or three.
+const ROUNDS: usize = 6;
+
+/// Contacts merged at once: the effort grows with the square.
+const BATCH: usize = 120;
+
+/// Deviations beyond which a contact shows a concavity: once in 30 000 by noise.
+const CONCAVE: f64 = 4.0;
+
+/// What a face keeps of its contacts, about their centroid so that nothing depends on the frame.
+#[derive(Clone, Copy, Debug)]
+struct Moments {
+    count: usize,
+    /// Σ 1/σ_p².
+    weight: f64,
+    /// Weighted mean of the points.
+    centroid: Point,
+    /// Σ (p − centroid)(p − centroid)ᵀ/σ_p².
+    scatter: Matrix3<f64>,
+    /// Σ N/σ_θ².
+    normals: Point,
+    /// Σ 1/σ_θ².
+    normal_weight: f64,
+}
+
+impl Moments {
+    fn of(contact: &Contact, normal: Point) -> Moments {
+        let normal_weight = contact.normal_deviation.powi(-2);
+        Moments {
+            count: 1,
+            weight: contact.point_deviation.powi(-2),
+            centroid: contact.point,
+            scatter: Matrix3::zeros(),
+            normals: normal * normal_weight,
+            normal_weight,
+        }
+    }
+
+    fn plus(&self, other: &Moments) -> Moments {
+        let weight = self.weight + other.weight;
+        let apart = other.centroid - self.centroid;
+        Moments {
+            count: self.count + other.count,
+            weight,
+            centroid: self.centroid + apart * (other.weight / weight),
+            scatter: self.scatter
+                + other.scatter
+                + apart * apart.transpose() * (self.weight * other.weight / weight),
+            normals: self.normals + other.normals,
+            normal_weight: self.normal_weight + other.normal_weight,
+        }
+    }
+
+    /// The normal of least cost, and that cost: the minimum of nᵀSn − 2b·n on the unit sphere is
+    /// (S + λ)n = b with the λ above −(least eigenvalue of S) that makes |n| = 1.
+    fn solve(&self) -> Option<(Point, f64)> {
+        let eigen = SymmetricEigen::new(self.scatter);
+        let b = eigen.eigenvectors.transpose() * self.normals;
+        let length = b.norm();
+        if !(length > 1e-9 * self.normal_weight) || !self.scatter.iter().all(|v| v.is_finite()) {
+            return None;
+        }
+        // Axes along which the normals say nothing stay out of it (z in the plane).
+        let touched = (0..3).filter(|i| b[*i].abs() > 1e-12 * length);
+        let least = touched.map(|i| eigen.eigenvalues[i]).fold(f64::INFINITY, f64::min);
+        let norm = |lambda: f64| {
+            (0..3)
+                .filter(|i| b[*i].abs() > 1e-12 * length)
+                .map(|i| (b[i] / (eigen.eigenvalues[i] + lambda)).powi(2))
+                .sum::<f64>()
+        };
+        let (mut low, mut high) = (-least, length - least);
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if norm(middle) > 1.0 { low = middle } else { high = middle }
+        }
+        let mut u = Point::zeros();
+        for i in 0..3 {
+            if b[i].abs() > 1e-12 * length {
+                u[i] = b[i] / (eigen.eigenvalues[i] + high);
+            }
+        }
+        let normal = (eigen.eigenvectors * u).try_normalize(1e-12)?;
+        let cost = normal.dot(&(self.scatter * normal))
+            + 2.0 * (self.normal_weight - normal.dot(&self.normals));
+        Some((normal, cost.max(0.0)))
+    }
+}
+
+/// One plane.
+#[derive(Clone, Copy, Debug)]
+pub struct Face {
+    /// Unit, out of the object.
+    pub normal: Point,
+    /// ρ, metres.
+    pub offset: f64,
+    /// Weighted mean of its contacts, metres: there offset and normal are uncorrelated.
+    pub centroid: Point,
+    /// Variance of ρ at the centroid, square metres.
+    pub offset_variance: f64,
+    /// Covariance of the normal, radians²; zero along the normal itself.
+    pub normal_covariance: Matrix3<f64>,
+    /// How many contacts it was fitted to.
+    pub contacts: usize,
+}
+
+impl Face {
+    fn of(moments: &Moments, normal: Point, dimension: usize) -> Face {
+        // Second derivatives of half the cost along the tangents, at the minimum: S + λ with
+        // λ = n·(b − S n); a z that does not exist takes part in neither.
+        let lambda = normal.dot(&(moments.normals - moments.scatter * normal));
+        let tangent = Matrix3::identity() - normal * normal.transpose();
+        let mut information = tangent * moments.scatter * tangent + tangent * lambda.max(0.0);
+        if dimension == 2 {
+            information[(2, 2)] = 0.0;
+        }
+        let eigen = SymmetricEigen::new(information);
+        let mut normal_covariance = Matrix3::zeros();
+        for (value, axis) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+            if *value > 1e-9 * information.trace() {
+                normal_covariance += axis * axis.transpose() / *value;
+            }
+        }
+        Face {
+            normal,
+            offset: normal.dot(&moments.centroid),
+            centroid: moments.centroid,
+            offset_variance: 1.0 / moments.weight,
+            normal_covariance,
+            contacts: moments.count,
+        }
+    }
+
+    /// n·p − ρ, metres.
+    pub fn value(&self, point: &Point) -> f64 {
+        self.normal.dot(point) - self.offset
+    }
+
+    /// Variance of that, square metres.
+    pub fn variance(&self, point: &Point) -> f64 {
+        let arm = point - self.centroid;
+        self.offset_variance + arm.dot(&(self.normal_covariance * arm))
+    }
+
+    fn cost(&self, contact: &Contact, normal: &Point) -> f64 {
+        (self.value(&contact.point) / contact.point_deviation).powi(2)
+            + (normal - self.normal).norm_squared() / contact.normal_deviation.powi(2)
+    }
+}
+
+/// The faces of an object.
+#[derive(Clone, Debug)]
+pub struct Faces {
+    /// 2 or 3.
+    pub dimension: usize,
+    /// In no particular order; not empty.
+    pub faces: Vec<Face>,
+    /// Sum of the contacts' costs.
+    pub chi_squared: f64,
+    /// Measured numbers less fitted ones: the expectation of [`Faces::chi_squared`] on flat faces.
+    pub degrees: f64,
+    /// How much the normals turn with position within faces, in standard deviations: about N(0, 1)
+    /// on flat faces, positive on convex curves, which χ² would take many more contacts to show.
+    pub bending: f64,
+    /// The worst contradiction to convexity in standard deviations: how far a contact lies outside a
+    /// face that is not its own.
+    pub protrusion: f64,
+}
+
+impl Faces {
+    /// The faces that explain the contacts (object frame). Contacts without a normal are left out.
+    /// `None` when no contact has one.
+    pub fn fit(dimension: usize, contacts: &[Contact]) -> Option<Faces> {
+        let felt: Vec<(Contact, Point)> =
+            contacts.iter().filter_map(|c| Some((*c, c.normal?))).collect();
+        let gate = GATE[dimension.clamp(2, 3) - 2];
+        let mut groups: Vec<Moments> = Vec::new();
+        for batch in felt.chunks(BATCH) {
+            groups.extend(batch.iter().map(|(c, n)| Moments::of(c, *n)));
+            merge(&mut groups, gate);
+        }
+        let mut faces = solved(&groups, dimension);
+        if faces.is_empty() {
+            return None;
+        }
+        let mut owners: Vec<usize> = Vec::new();
+        for _ in 0..ROUNDS {
+            let before = std::mem::take(&mut owners);
+            owners = felt.iter().map(|(c, n)| nearest(&faces, c, n)).collect::<Option<_>>()?;
+            if owners == before {
+                break;
+            }
+            groups = vec![];
+            for face in 0..faces.len() {
+                let own = felt.iter().zip(&owners).filter(|(_, o)| **o == face);
+                groups.extend(
+                    own.map(|((c, n), _)| Moments::of(c, *n)).reduce(|sum, m| sum.plus(&m)),
+                );
+            }
+            merge(&mut groups, gate);
+            faces = solved(&groups, dimension);
+        }
+        let owners: Vec<usize> =
+            felt.iter().map(|(c, n)| nearest(&faces, c, n)).collect::<Option<_>>()?;
+        let chi_squared = felt.iter().zip(&owners).map(|((c, n), o)| faces[*o].cost(c, n)).sum();
+        let (bending, protrusion) =
+            (bending(&felt, &owners, &faces), protrusion(&felt, &owners, &faces));
+        let degrees = (dimension * felt.len()) as f64 - (dimension * faces.len()) as f64;
+        Some(Faces { dimension, faces, chi_squared, degrees, bending, protrusion })
+    }
+
+    /// Whether no contact contradicts a convex object.
+    pub fn is_convex(&self) -> bool {
+        self.protrusion < CONCAVE
+    }
+
+    /// max (n·p − ρ) and the face that attains it; `None` without faces.
+    pub fn active(&self, point: &Point) -> Option<(f64, &Face)> {
+        self.faces.iter().map(|face| (face.value(point), face)).max_by(|a, b| a.0.total_cmp(&b.0))
+    }
+}
+
+impl Field for Faces {
+    fn values(&self, points: &[Point]) -> Vec<f64> {
+        points.iter().map(|p| self.active(p).map_or(f64::INFINITY, |(value, _)| value)).collect()
+    }
+
+    fn deviations(&self, points: &[Point]) -> Vec<f64> {
+        let deviation = |p| self.active(p).map_or(f64::INFINITY, |(_, f)| f.variance(p).sqrt());
+        points.iter().map(deviation).collect()
+    }
+}
+
+fn solved(groups: &[Moments], dimension: usize) -> Vec<Face> {
+    groups.iter().filter_map(|m| Some(Face::of(m, m.solve()?.0, dimension))).collect()
+}
+
+fn nearest(faces: &[Face], contact: &Contact, normal: &Point) -> Option<usize> {
+    let cost = |face: &Face| face.cost(contact, normal);
+    (0..faces.len()).min_by(|a, b| cost(&faces[*a]).total_cmp(&cost(&faces[*b])))
+}
+
+/// Merges the pair whose union costs least while that is below `gate`.
+fn merge(groups: &mut Vec<Moments>, gate: f64) {
+    groups.retain(|m| m.solve().is_some());
+    let mut own: Vec<f64> = groups.iter().filter_map(|m| Some(m.solve()?.1)).collect();
+    let rise = |groups: &[Moments], own: &[f64], i: usize, j: usize| {
+        let union = groups[i].plus(&groups[j]).solve();
+        union.map_or(f64::INFINITY, |(_, cost)| cost - own[i] - own[j])
+    };
+    // The cheapest partner among those before each, kept up to date.
+    let mut rises: Vec<Vec<f64>> =
+        (0..groups.len()).map(|i| (0..i).map(|j| rise(groups, &own, i, j)).collect()).collect();
+    loop {
+        let mut best = (gate, 0, 0);
+        for (i, row) in rises.iter().enumerate() {
+            for (j, rise) in row.iter().enumerate() {
+                if *rise < best.0 {
+                    best = (*rise, i, j);
+                }
+            }
+        }
+        let (_, gone, kept) = best;
+        if gone == kept {
+            return;
+        }
+        groups[kept] = groups[kept].plus(&groups[gone]);
+        own[kept] = groups[kept].solve().map_or(f64::INFINITY, |(_, cost)| cost);
+        groups.remove(gone);
+        own.remove(gone);
+        rises.remove(gone);
+        for row in &mut rises {
+            if row.len() > gone {
+                row.remove(gone);
+            }
+        }
+        for other in 0..groups.len() {
+            let (i, j) = (other.max(kept), other.min(kept));
+            if i != j {
+                rises[i][j] = rise(groups, &own, i, j);
+            }
+        }
+    }
+}
+
+/// See [`Faces::bending`]. Along each principal axis e of a face's contacts, Σ(a·e)(N·e)/σ_θ² over
+/// its standard deviation is N(0, 1) on a flat face; axes count alike, so that the straight lines of
+/// a cylinder do not hide its round ones.
+fn bending(felt: &[(Contact, Point)], owners: &[usize], faces: &[Face]) -> f64 {
+    let (mut sum, mut axes) = (0.0, 0.0_f64);
+    for (number, face) in faces.iter().enumerate() {
+        let own: Vec<_> =
+            felt.iter().zip(owners).filter(|(_, o)| **o == number).map(|(f, _)| f).collect();
+        let weights: Vec<f64> = own.iter().map(|(c, _)| c.normal_deviation.powi(-2)).collect();
+        let total: f64 = weights.iter().sum();
+        let centre: Point =
+            own.iter().zip(&weights).map(|((c, _), w)| c.point * *w).sum::<Point>() / total;
+        let tangent = Matrix3::identity() - face.normal * face.normal.transpose();
+        let arms: Vec<Point> = own.iter().map(|(c, _)| tangent * (c.point - centre)).collect();
+        let spread: Matrix3<f64> =
+            arms.iter().zip(&weights).map(|(a, w)| a * a.transpose() * *w).sum();
+        let eigen = SymmetricEigen::new(spread);
+        for (value, e) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+            if *value > 1e-6 * spread.trace() {
+                let turned: f64 = own
+                    .iter()
+                    .zip(arms.iter().zip(&weights))
+                    .map(|((_, n), (a, w))| w * a.dot(&e) * n.dot(&e))
+                    .sum();
+                sum += turned / value.sqrt();
+                axes += 1.0;
+            }
+        }
+    }
+    if axes > 0.0 { sum / axes.sqrt() } else { 0.0 }
+}
+
+/// See [`Faces::protrusion`].
+fn protrusion(felt: &[(Contact, Point)], owners: &[usize], faces: &[Face]) -> f64 {
+    let mut worst: f64 = 0.0;
+    for ((contact, _), owner) in felt.iter().zip(owners) {
+        for (number, face) in faces.iter().enumerate() {
+            if number != *owner {
+                let variance = contact.point_deviation.powi(2) + face.variance(&contact.point);
+                worst = worst.max(face.value(&contact.point) / variance.sqrt());
+            }
+        }
+    }
+    worst
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,153 @@
+use super::*;
+use crate::sim::{Options, Touch, simulate};
+use crate::slam::reconstruct::place;
+use crate::slam::track;
+use crate::space::{Bridge, Pose, planar};
+use nalgebra::{Translation3, UnitQuaternion};
+use tactile_core::contact::Contact as CoreContact;
+use tactile_core::space::{Planar, Space, Spatial};
+use tactile_core::surface::{Faces as CoreFaces, Map, Surface};
+
+fn touched(object: &str, contacts: usize, seed: u64) -> (usize, Vec<Contact>) {
+    let spec: crate::sim::ObjectSpec = object.parse().unwrap();
+    let options =
+        Options { grasps: Some(1), contacts, touch: Touch::Uniform, seed, ..Options::new(spec) };
+    let log = simulate(&options).unwrap().log;
+    let steps = track::truth(&log).unwrap();
+    (log.dimension, place(&log, &steps).iter().map(|p| p.contact).collect())
+}
+
+fn moved(contacts: &[Contact], pose: &Pose) -> Vec<Contact> {
+    contacts.iter().map(|c| c.transformed(pose)).collect()
+}
+
+#[test]
+fn polytopes_fit_as_noise_says_and_curves_do_not() {
+    for (object, contacts, sides) in
+        [("rectangle:0.12x0.06", 20, 4), ("hexagon:0.045", 40, 6), ("box:0.12x0.06x0.06", 80, 6)]
+    {
+        let (mut per_degree, mut exact) = (0.0, 0);
+        for seed in 0..20 {
+            let (dimension, contacts) = touched(object, contacts, seed);
+            let faces = Faces::fit(dimension, &contacts).unwrap();
+            per_degree += faces.chi_squared / faces.degrees / 20.0;
+            exact += usize::from(faces.faces.len() == sides);
+            assert!(faces.is_convex(), "{object} {seed}: {}", faces.protrusion);
+            assert!(faces.bending < 4.5, "{object} {seed}: {}", faces.bending);
+        }
+        assert!((0.85..1.15).contains(&per_degree), "{object}: {per_degree}");
+        // Now and then a contact is so far off that it stays alone.
+        assert!(exact >= 14, "{object}: {exact}");
+    }
+    for (object, contacts) in
+        [("ellipse:0.12x0.06", 30), ("cylinder:0.06x0.1", 80), ("sphere:0.08", 60)]
+    {
+        let curved = (0..20).filter(|seed| {
+            let (dimension, contacts) = touched(object, contacts, *seed);
+            Faces::fit(dimension, &contacts).unwrap().bending > 2.5
+        });
+        assert!(curved.count() >= 15, "{object}");
+    }
+}
+
+#[test]
+fn frame_and_order_do_not_matter() {
+    for (object, pose) in [
+        ("rectangle:0.12x0.06", planar(0.3, -0.2, 0.7)),
+        (
+            "box:0.12x0.06x0.06",
+            Pose::from_parts(
+                Translation3::new(0.1, -0.3, 0.2),
+                UnitQuaternion::from_euler_angles(0.3, -0.8, 2.0),
+            ),
+        ),
+    ] {
+        let (dimension, contacts) = touched(object, 40, 7);
+        let here = Faces::fit(dimension, &contacts).unwrap();
+        let mut there = moved(&contacts, &pose);
+        there.reverse();
+        let there = Faces::fit(dimension, &there).unwrap();
+        assert_eq!(here.faces.len(), there.faces.len());
+        assert!((here.chi_squared - there.chi_squared).abs() < 1e-6);
+        for k in 0..20 {
+            let p = contacts[k].point * 1.1;
+            let (a, fa) = here.active(&p).unwrap();
+            let moved = (pose * nalgebra::Point3::from(p)).coords;
+            let (b, fb) = there.active(&moved).unwrap();
+            assert!((a - b).abs() < 1e-9);
+            assert!((fa.variance(&p) / fb.variance(&moved) - 1.0).abs() < 1e-6);
+        }
+    }
+}
+
+fn core_faces<S: Space + Bridge>(contacts: &[Contact]) -> CoreFaces<S, 16> {
+    let mut faces = CoreFaces::new();
+    for c in contacts {
+        let _ = faces.insert(&CoreContact {
+            point: S::vector(&c.point),
+            normal: c.normal.map(|n| S::vector(&n)),
+            point_deviation: c.point_deviation as f32,
+            normal_deviation: c.normal_deviation as f32,
+            finger: 0,
+        });
+    }
+    faces
+}
+
+/// The board's faces, learnt one contact at a time in single precision, against these.
+fn core_agrees<S: Space + Bridge>(object: &str, contacts: usize) {
+    let mut same = 0;
+    for seed in 0..20 {
+        let (dimension, contacts) = touched(object, contacts, seed);
+        let host = Faces::fit(dimension, &contacts).unwrap();
+        let core = core_faces::<S>(&contacts);
+        // Now and then they give a contact near an edge to different faces.
+        if core.faces().len() != host.faces.len()
+            || (f64::from(core.chi_squared()) - host.chi_squared).abs() > 0.05
+        {
+            continue;
+        }
+        same += 1;
+        assert_eq!(f64::from(core.degrees()), host.degrees);
+        for c in &contacts {
+            for p in [c.point, c.point * 1.2, c.point * 0.3] {
+                let (value, face) = host.active(&p).unwrap();
+                let probe = core.probe(S::vector(&p));
+                assert!((f64::from(probe.value) - value).abs() < 2e-5, "{object} {seed}");
+                let runner_up = host.faces.iter().map(|f| f.value(&p));
+                if runner_up.filter(|v| (v - value).abs() < 1e-4).count() == 1 {
+                    let ratio = f64::from(probe.variance) / face.variance(&p);
+                    assert!((ratio - 1.0).abs() < 0.02, "{object} {seed}: {ratio}");
+                }
+            }
+        }
+    }
+    assert!(same >= 16, "{object}: {same}");
+}
+
+#[test]
+fn the_core_finds_the_same_faces() {
+    core_agrees::<Planar>("rectangle:0.12x0.06", 30);
+    core_agrees::<Planar>("triangle:0.06", 20);
+    core_agrees::<Spatial>("box:0.12x0.06x0.06", 60);
+}
+
+#[test]
+fn degenerate_contacts_have_an_answer() {
+    let contact = |x: f64, y: f64, normal: Option<Point>| Contact {
+        point: Point::new(x, y, 0.0),
+        normal,
+        point_deviation: 1e-4,
+        normal_deviation: 0.0087,
+    };
+    let up = Some(Point::new(0.0, 1.0, 0.0));
+    assert!(Faces::fit(2, &[]).is_none());
+    assert!(Faces::fit(2, &[contact(0.0, 0.0, None)]).is_none());
+    let one = Faces::fit(2, &[contact(0.0, 0.0, up)]).unwrap();
+    assert_eq!((one.faces.len(), one.degrees, one.chi_squared), (1, 0.0, 0.0));
+    // The same contact again and again, and the same point from both sides.
+    let many = Faces::fit(3, &[contact(0.01, 0.0, up); 50]).unwrap();
+    assert_eq!(many.faces.len(), 1);
+    let sheet = Faces::fit(2, &[contact(0.0, 0.0, up), contact(0.0, 0.0, up.map(|n| -n))]);
+    assert_eq!(sheet.unwrap().faces.len(), 2);
+}
