@@ -79,7 +79,7 @@ impl<S: Space> Face<S> {
     }
 }
 
-/// At most `FACES` planes, learnt one contact at a time; 16 take 3.4 kB in space.
+/// At most `FACES` planes, learnt one contact at a time; 16 take 2.9 kB in space.
 ///
 /// ```
 /// use tactile_core::contact::Contact;
@@ -165,8 +165,8 @@ impl<S: Space, const FACES: usize> Faces<S, FACES> {
         self.refused
     }
 
-    /// Whether the contact in `moments` has a normal, what it adds to a face's cost at least, and
-    /// that face.
+    /// What adding `moments` to a face other than `except` raises the cost by at least, that face's
+    /// number, and the plane of the union.
     fn cheapest(&self, moments: &Moments<S>, except: usize) -> Option<(f32, usize, Face<S>)> {
         let own = moments.fit().map_or(0.0, |f| f.cost);
         let mut best: Option<(f32, usize, Face<S>)> = None;

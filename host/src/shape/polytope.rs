@@ -22,7 +22,7 @@ type Plane = Option<usize>;
 /// Intersects the half-spaces n·p ≤ ρ of the faces. `None` when they leave the shape open (it would
 /// reach further than `reach` metres from `centre`) or when nothing is inside all of them.
 pub fn intersect(faces: &Faces, centre: &Point, reach: f64) -> Option<Polytope> {
-    if !(reach > 0.0 && reach.is_finite()) || !centre.iter().all(|x| x.is_finite()) {
+    if !(reach > 0.0 && reach.is_finite() && centre.iter().all(|x| x.is_finite())) {
         return None;
     }
     if faces.dimension == 2 {

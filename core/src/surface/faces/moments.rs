@@ -196,15 +196,15 @@ fn solve<S: Space>(l: &Symmetric, b: S::Vector) -> S::Vector {
     let mut x = b;
     for i in 0..S::DIMENSION {
         for k in 0..i {
-            x[i] = x[i] - l[i][k] * x[k];
+            x[i] -= l[i][k] * x[k];
         }
-        x[i] = x[i] / l[i][i];
+        x[i] /= l[i][i];
     }
     for i in (0..S::DIMENSION).rev() {
         for k in i + 1..S::DIMENSION {
-            x[i] = x[i] - l[k][i] * x[k];
+            x[i] -= l[k][i] * x[k];
         }
-        x[i] = x[i] / l[i][i];
+        x[i] /= l[i][i];
     }
     x
 }
