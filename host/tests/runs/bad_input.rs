@@ -103,11 +103,17 @@ fn a_normal_within_a_thousandth_is_made_one() {
         }
         log(2, json!({}), &[grasp(0, &contacts)])
     };
-    let figures = |content: String| {
-        place.put("n.jsonl", content);
-        place.tactile("slam n.jsonl --json").done().json()["contact_rms_mm"].clone()
+    let contour = |by: f64| {
+        place.put("n.jsonl", stretched(by));
+        place.tactile("slam n.jsonl --out r").done();
+        let outline = tactile_host::shape::files::read_outline(&place.at("r/contour.csv")).unwrap();
+        outline.loops.concat()
     };
-    assert_eq!(figures(stretched(1.0009)), figures(stretched(1.0)));
+    let (exact, longer) = (contour(1.0), contour(1.0009));
+    assert!(exact.len() > 50 && exact.len() == longer.len());
+    for (a, b) in exact.iter().zip(&longer) {
+        assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 1e-8, "{a:?} {b:?}");
+    }
     place.put("n.jsonl", stretched(1.0011));
     place
         .tactile("slam n.jsonl --out r")
