@@ -4,6 +4,11 @@
 //!
 //! Every function here is a clap value parser: `#[arg(value_parser = quantity::length)]`.
 
+/// Deviations beyond these, a metre and a whole turn, are another unit or a slip of the pen, and
+/// would make logs that no reader takes.
+const MOST_LENGTH: f64 = 1.0;
+const MOST_ANGLE: f64 = std::f64::consts::TAU;
+
 /// Units of length in metres. Longer names first where one ends in another.
 const LENGTHS: [(&str, f64); 5] =
     [("mm", 1e-3), ("cm", 1e-2), ("um", 1e-6), ("µm", 1e-6), ("m", 1.0)];
@@ -152,13 +157,17 @@ pub fn turn(text: &str) -> Result<f64, QuantityError> {
 /// A length and an angle, such as `1mm,5deg`.
 ///
 /// # Errors
-/// When there are not exactly two, or as [`length`] and [`angle`].
+/// When there are not exactly two, beyond 1 m or a whole turn, or as [`length`] and [`angle`].
 pub fn deviation(text: &str) -> Result<Deviation, QuantityError> {
     let parts: Vec<&str> = text.split(',').collect();
     let [first, second] = parts[..] else {
         return Err(wrong("a length and an angle such as 10mm,20deg", format!("{text:?}")));
     };
-    Ok(Deviation { length: length(first)?, angle: angle(second)? })
+    let deviation = Deviation { length: length(first)?, angle: angle(second)? };
+    if deviation.length > MOST_LENGTH || deviation.angle > MOST_ANGLE {
+        return Err(wrong("deviations up to 1 m and 360°", format!("{text:?}")));
+    }
+    Ok(deviation)
 }
 
 /// The size in metres of a unit of length given by its name, such as `mm`.

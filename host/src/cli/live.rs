@@ -108,7 +108,7 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
         Provenance { title, tracker, surface: Choice::Auto, tracking_seconds: fed.seconds };
     let outcome = conclude(log, truth.as_ref(), fed.steps, provenance)
         .map_err(|e| Error::Input(format!("{name}: {e}")))?;
-    outcome.write(&args.out).map_err(Error::input)?;
+    input.write(&outcome, &args.out)?;
     if args.json {
         let report = outcome.report.to_json().map_err(Error::failure)?;
         let mut report: Value = serde_json::from_str(&report).map_err(Error::failure)?;

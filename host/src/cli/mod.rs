@@ -16,7 +16,13 @@ use clap::{Parser, Subcommand};
 
 /// Tactile SLAM: the shape of an unknown object and its pose, from fingertip contacts alone.
 #[derive(Debug, Parser)]
-#[command(version, propagate_version = true, arg_required_else_help = true)]
+#[command(
+    name = "tactile",
+    version,
+    propagate_version = true,
+    arg_required_else_help = true,
+    after_help = "Example: tactile slam   (the bundled recording; results in out/)"
+)]
 pub struct Cli {
     #[command(subcommand)]
     command: Command,

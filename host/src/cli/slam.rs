@@ -9,7 +9,7 @@ use crate::cli::{Error, say};
 use crate::log::GraspLog;
 use crate::shape::Geometry;
 use crate::slam::choose::Choice;
-use crate::slam::output::{Provenance, conclude, true_shape};
+use crate::slam::output::{Outcome, Provenance, check_folder, conclude, true_shape};
 use crate::slam::{reconstruct, track};
 
 /// Reconstruct an object and its poses from a grasp log.
@@ -93,17 +93,24 @@ impl Input {
             ),
         };
         reconstruct::check(&log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
-        if out.exists() && !out.is_dir() {
-            return Err(Error::Input(format!(
-                "{}: expected a folder for the results, found a file",
-                out.display()
-            )));
-        }
+        check_folder(out).map_err(Error::input)?;
         let truth = true_shape(&log).unwrap_or_else(|error| {
             eprintln!("warning: {name}: {error}; errors against the truth are left out");
             None
         });
         Ok(Input { log, name, truth })
+    }
+
+    /// Writes the results and says where a shape is missing.
+    pub fn write(&self, outcome: &Outcome, out: &Path) -> Result<(), Error> {
+        outcome.write(out).map_err(Error::input)?;
+        if outcome.is_empty() {
+            eprintln!(
+                "warning: {}: no surface passes near a contact: the shape is empty",
+                self.name
+            );
+        }
+        Ok(())
     }
 
     /// Title of the picture.
@@ -140,7 +147,7 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
     let provenance = Provenance { title: input.title(), tracker, surface, tracking_seconds };
     let outcome = conclude(log, truth.as_ref(), steps, provenance)
         .map_err(|e| Error::Input(format!("{name}: {e}")))?;
-    outcome.write(&args.out).map_err(Error::input)?;
+    input.write(&outcome, &args.out)?;
     if args.json {
         say(outcome.report.to_json().map_err(Error::failure)?.trim_end());
     } else {

@@ -93,15 +93,21 @@ fn files_that_are_not_logs_are_refused() {
     is("", "is empty; expected a header");
     is("\n  \n", "is empty");
     is(HEADER2, "has a header but no grasp");
-    is("OFF\n3 0 0\n", "line 1: malformed JSON at column 1");
+    is("OFF\n3 0 0\n", "line 1: malformed JSON at column 1: expected one JSON object");
     is("[1,2]", "line 1: expected one JSON object, found an array of 2");
     is(&format!("{HEADER2}\n{HEADER2}"), "line 2: is a second header");
     is(&format!("{HEADER2}\n{GRASP2} {GRASP2}"), "line 2: malformed JSON at column");
     let cut = &GRASP2[..GRASP2.len() - 20];
     is(&format!("{HEADER2}\n{GRASP2}\n{cut}"), "line 3: is cut off");
     is(&format!("{HEADER2}\n{GRASP2}\n{{\"gra\r\n"), "line 3: is cut off");
-    is(&format!("{HEADER2}\n{}", GRASP2.replace("1.5", "1e999")), "line 2: malformed JSON");
-    is(&format!("{HEADER2}\n{}", GRASP2.replace("1.5", "NaN")), "line 2: malformed JSON");
+    is(
+        &format!("{HEADER2}\n{}", GRASP2.replace("1.5", "1e999")),
+        "`: expected a finite number, found",
+    );
+    is(
+        &format!("{HEADER2}\n{}", GRASP2.replace("1.5", "NaN")),
+        "`: expected a finite number, a text",
+    );
     is(&"[".repeat(100_000), "line 1: malformed JSON");
     let error = GraspLog::parse(&b"{\"a\":\"\xff\"}"[..], Path::new("x")).unwrap_err();
     assert!(error.to_string().contains("line 1: is not UTF-8 text (byte 7"), "{error}");
@@ -138,6 +144,7 @@ fn headers_are_checked() {
     };
     noise("{\"point\":0}", "noise.point", "a positive number");
     noise("{\"rotation\":-1}", "noise.rotation", "a positive number");
+    noise("{\"point\":1e300}", "noise.point", "a positive number up to 10000");
     noise("{\"normal\":\"5deg\"}", "noise.normal", "a finite number");
     noise("3", "noise", "an object of standard deviations");
     let shape = |shape: &str, field: &str, expected: &str| {

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use crate::log::{GraspLog, TrueShape};
 use crate::shape::files::{self, FileError};
-use crate::shape::{Geometry, Outline, ShapeError};
+use crate::shape::{Geometry, Outline, ShapeError, metrics};
 use crate::slam::choose::Choice;
 use crate::slam::reconstruct::{self, Reconstruction, reconstruct};
 use crate::slam::track::Step;
@@ -185,7 +185,34 @@ impl WriteError {
     }
 }
 
+/// Refuses a folder that [`Outcome::write`] could not fill, before anything long is begun.
+///
+/// # Errors
+/// When a file is where the folder, one above it, or a folder where one of the results would be.
+pub fn check_folder(folder: &Path) -> Result<(), WriteError> {
+    let refuse = |path: &Path, problem| {
+        Err(WriteError::at(path)(io::Error::new(io::ErrorKind::InvalidInput, problem)))
+    };
+    if let Some(above) = folder.ancestors().find(|p| p.exists())
+        && !above.is_dir()
+    {
+        return refuse(above, "expected a folder for the results, found a file");
+    }
+    for name in ["contour.csv", "shape.ply", "trajectory.tum", "summary.png", "report.json"] {
+        let path = folder.join(name);
+        if path.is_dir() {
+            return refuse(&path, "expected a file or nothing, found a folder");
+        }
+    }
+    Ok(())
+}
+
 impl Outcome {
+    /// Whether no surface passes near any contact, so that the shape is empty.
+    pub fn is_empty(&self) -> bool {
+        metrics::is_empty(&self.reconstruction.geometry)
+    }
+
     /// Writes `report.json`, `contour.csv` or `shape.ply`, `trajectory.tum` and `summary.png` into
     /// `folder`, which is made if need be. Everything is computed before the first file appears, and
     /// each file appears whole.

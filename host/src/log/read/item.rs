@@ -47,10 +47,7 @@ impl<'a> Line<'a> {
             self.problem(if e.is_eof() {
                 "is cut off in the middle of its JSON object (is the file truncated?)".to_string()
             } else {
-                // serde_json counts lines inside the text it was given: only the column is ours.
-                let message = e.to_string();
-                let message = message.rsplit_once(" at line ").map_or(&*message, |(m, _)| m);
-                format!("malformed JSON at column {}: {message}", e.column())
+                malformed(text, &e)
             })
         })?;
         match value {
@@ -128,7 +125,12 @@ impl<'a> Item<'a> {
 
     pub(super) fn positive(&self) -> Result<f64, LogError> {
         let x = self.number()?;
-        if x > 0.0 { Ok(x) } else { Err(self.wrong("a positive number")) }
+        let fine = x > 0.0 && x <= MAX_COORDINATE;
+        if fine {
+            Ok(x)
+        } else {
+            Err(self.wrong(format!("a positive number up to {MAX_COORDINATE}")))
+        }
     }
 
     pub(super) fn count(&self, expected: &str) -> Result<u64, LogError> {
@@ -250,6 +252,26 @@ impl<'a> Item<'a> {
             })
         })
     }
+}
+
+/// What serde_json says of text that is no JSON, with the last field before it and in our words.
+fn malformed(text: &str, error: &serde_json::Error) -> String {
+    let column = error.column();
+    // serde_json counts lines inside the text it was given: only the column is ours.
+    let message = error.to_string();
+    let message = message.rsplit_once(" at line ").map_or(&*message, |(m, _)| m);
+    let before = text.get(..column.saturating_sub(1)).unwrap_or("");
+    let message = match message {
+        "expected value" if before.trim().is_empty() => "expected one JSON object",
+        "expected value" => "expected a finite number, a text, an array or an object",
+        "number out of range" => "expected a finite number, found one out of range",
+        other => other,
+    };
+    let field = before.rsplit_once("\":").and_then(|(head, _)| head.rsplit_once('"'));
+    let field = field.map_or(String::new(), |(_, name)| {
+        format!(", field `{}`", name.chars().take(40).collect::<String>())
+    });
+    format!("malformed JSON at column {column}{field}: {message}")
 }
 
 /// A value in a few words.
