@@ -86,6 +86,13 @@ impl Cholesky {
         x
     }
 
+    /// A⁻¹.
+    pub fn inverse(&self) -> DMatrix<f64> {
+        let mut half = DMatrix::identity(self.rows(), self.rows());
+        self.forward(&mut half);
+        half.transpose() * half
+    }
+
     /// log det A.
     pub fn log_determinant(&self) -> f64 {
         2.0 * self.factor.diagonal().iter().map(|pivot| pivot.ln()).sum::<f64>()
@@ -115,6 +122,7 @@ mod tests {
             let b = DVector::from_fn(n, |i, _| (i as f64).sin());
             let ours = Cholesky::new(a.clone()).unwrap();
             prop_assert!((&a * ours.solve(&b) - &b).amax() < 1e-9);
+            prop_assert!((&a * ours.inverse() - DMatrix::identity(n, n)).amax() < 1e-9);
             let theirs = nalgebra::Cholesky::new(a).unwrap();
             let determinant = 2.0 * theirs.l_dirty().diagonal().map(f64::ln).sum();
             prop_assert!((ours.log_determinant() - determinant).abs() < 1e-8);

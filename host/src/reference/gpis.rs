@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::cholesky::Cholesky;
+use super::kernel::Radial;
 use super::{Contact, Kernel, Prior};
 use crate::shape::Field;
 use crate::space::Point;
@@ -73,7 +74,7 @@ pub enum Error {
 
 /// What of the field is observed or asked for.
 #[derive(Clone, Copy, Debug)]
-enum Part {
+pub(super) enum Part {
     Value,
     /// Derivative along this axis.
     Slope(usize),
@@ -81,12 +82,12 @@ enum Part {
 
 /// One row of the covariance matrix.
 #[derive(Clone, Copy, Debug)]
-struct Observation {
+pub(super) struct Observation {
     contact: usize,
-    point: Point,
-    part: Part,
-    target: f64,
-    variance: f64,
+    pub(super) point: Point,
+    pub(super) part: Part,
+    pub(super) target: f64,
+    pub(super) variance: f64,
 }
 
 /// All rows at one point, as the mean needs them: one kernel evaluation serves them all.
@@ -114,13 +115,13 @@ pub struct Evaluation {
 #[derive(Clone, Debug)]
 pub struct Gpis {
     dimension: usize,
-    kernel: Kernel,
+    pub(super) kernel: Kernel,
     prior: Prior,
-    observations: Vec<Observation>,
+    pub(super) observations: Vec<Observation>,
     sites: Vec<Site>,
     /// Where the contacts are.
     touched: Vec<Point>,
-    cholesky: Cholesky,
+    pub(super) cholesky: Cholesky,
     log_marginal_likelihood: f64,
 }
 
@@ -373,8 +374,12 @@ fn observe(
 /// Covariance of two parts of the field before data and without noise.
 fn covariance(kernel: &Kernel, a: (Point, Part), b: (Point, Part)) -> f64 {
     let e = a.0 - b.0;
-    let k = kernel.radial(e.norm());
-    match (a.1, b.1) {
+    between(&kernel.radial(e.norm()), &e, a.1, b.1)
+}
+
+/// Covariance of part `a` of the field at x with part `b` at y, given e = x − y and k(|e|).
+pub(super) fn between(k: &Radial, e: &Point, a: Part, b: Part) -> f64 {
+    match (a, b) {
         (Part::Value, Part::Value) => k.value,
         (Part::Slope(i), Part::Value) => k.slope * e[i],
         (Part::Value, Part::Slope(j)) => -k.slope * e[j],

@@ -79,6 +79,36 @@ impl Kernel {
         }
     }
 
+    /// What [`radial`](Self::radial) gains per unit of log lengthscale: ∂/∂ln ℓ of each entry,
+    /// with the same convention at d = 0. `None` for the thin plate, whose range is fixed.
+    pub fn radial_by_log_lengthscale(&self, distance: f64) -> Option<Radial> {
+        let d = distance;
+        let over_distance = if d > 0.0 { 1.0 / d } else { 0.0 };
+        match *self {
+            Kernel::SquaredExponential { amplitude, lengthscale } => {
+                let q = 1.0 / (lengthscale * lengthscale);
+                let u = d * d * q;
+                let value = amplitude * amplitude * (-0.5 * u).exp();
+                Some(Radial {
+                    value: u * value,
+                    slope: q * (2.0 - u) * value,
+                    bend: q * q * (u - 4.0) * value,
+                })
+            }
+            Kernel::Matern32 { amplitude, lengthscale } => {
+                let c = 3f64.sqrt() / lengthscale;
+                let u = c * d;
+                let decay = amplitude * amplitude * (-u).exp();
+                Some(Radial {
+                    value: u * u * decay,
+                    slope: c * c * (2.0 - u) * decay,
+                    bend: c * c * c * (u - 3.0) * decay * over_distance,
+                })
+            }
+            Kernel::ThinPlate { .. } => None,
+        }
+    }
+
     /// Refuses parameters that are not finite and positive.
     ///
     /// # Errors

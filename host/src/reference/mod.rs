@@ -12,6 +12,7 @@ pub mod cholesky;
 pub mod faces;
 pub mod filter;
 pub mod gpis;
+pub mod hyper;
 pub mod kernel;
 pub mod prior;
 pub mod tracker;

@@ -5,6 +5,7 @@ use nalgebra::{Matrix6, Vector6};
 
 use crate::log::GraspLog;
 use crate::reference::gpis::Error as SurfaceError;
+use crate::reference::hyper::Search;
 use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
 use crate::shape::lattice::LatticeError;
 use crate::shape::{Geometry, contour, surface};
@@ -152,8 +153,9 @@ fn doubt(contact: Contact, covariance: &Matrix6<f64>) -> Contact {
     }
 }
 
-/// The Matérn-3/2 surface about a fitted ball whose lengthscale and amplitude, multiples of the
-/// ball's radius, have the greatest marginal likelihood.
+/// The Matérn-3/2 surface about a fitted ball, with the amplitude, the lengthscale and the factor on
+/// the contacts' noise that the contacts, and what suits most objects of the ball's radius, make
+/// most plausible.
 ///
 /// # Errors
 /// As [`reconstruct`].
@@ -167,22 +169,13 @@ pub fn fit(dimension: usize, contacts: &[Contact]) -> Result<(Kernel, Gpis), Err
     };
     let stride = contacts.len().div_ceil(DECIDING);
     let deciding: Vec<Contact> = contacts.iter().step_by(stride).copied().collect();
-    let mut best: Option<(f64, Kernel)> = None;
-    for lengthscale in [1.0, 2.0, 4.0] {
-        for amplitude in [0.2, 0.6, 2.0] {
-            let kernel = Kernel::Matern32 {
-                amplitude: amplitude * radius,
-                lengthscale: lengthscale * radius,
-            };
-            let gpis = Gpis::fit(dimension, kernel, prior, Training::Derivative, &deciding)?;
-            let likelihood = gpis.log_marginal_likelihood();
-            if best.is_none_or(|(most, _)| likelihood > most) {
-                best = Some((likelihood, kernel));
-            }
-        }
-    }
-    let Some((_, kernel)) = best else { return Err(Error::NoContacts) };
-    Ok((kernel, Gpis::fit(dimension, kernel, prior, Training::Derivative, contacts)?))
+    // The search replaces both numbers of the family.
+    let family = Kernel::Matern32 { amplitude: radius, lengthscale: radius };
+    let search = Search::default();
+    let found = search.run(dimension, family, prior, Training::Derivative, &deciding, radius)?;
+    let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(found.noise)).collect();
+    let gpis = Gpis::fit(dimension, found.kernel, prior, Training::Derivative, &contacts)?;
+    Ok((found.kernel, gpis))
 }
 
 /// The touched part of the zero set, in a box about the contacts that grows until it holds it.
