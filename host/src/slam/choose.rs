@@ -44,6 +44,13 @@ pub enum Refusal {
     /// Faces are found from normals.
     #[error("no contact has a normal")]
     NoNormals,
+    /// Poses are so doubtful that the contacts would fit anything.
+    #[error("normals are only known to {degrees:.0}°: too little to tell faces from a curve")]
+    Doubtful {
+        /// Median standard deviation of the contacts' normals, degrees, the doubt about the poses
+        /// included.
+        degrees: f64,
+    },
     /// Sides were not touched, or the contacts show a hollow from inside.
     #[error("{faces} faces touched by {contacts} contacts do not close: touch the other sides")]
     Open {
@@ -129,6 +136,10 @@ pub fn polytope(dimension: usize, contacts: &[Contact]) -> Result<(Faces, Polyto
 pub fn judge(dimension: usize, contacts: &[Contact]) -> Result<(Faces, Polytope), Refusal> {
     let (faces, polytope) = polytope(dimension, contacts)?;
     let (count, felt) = (faces.faces.len(), faces.faces.iter().map(|f| f.contacts).sum());
+    let doubt = doubt(contacts);
+    if doubt > DOUBT {
+        return Err(Refusal::Doubtful { degrees: doubt.to_degrees() });
+    }
     if !faces.is_convex() {
         return Err(Refusal::Concave { deviations: faces.protrusion });
     }
@@ -148,6 +159,18 @@ pub fn judge(dimension: usize, contacts: &[Contact]) -> Result<(Faces, Polytope)
         return Err(Refusal::Misfit { per_degree });
     }
     Ok((faces, polytope))
+}
+
+/// Normals less certain than this (radians, median) fit any polytope: where the poses are in doubt,
+/// χ² has nothing to say.
+const DOUBT: f64 = 0.2;
+
+/// Median standard deviation of the contacts' normals, radians; infinite without any.
+fn doubt(contacts: &[Contact]) -> f64 {
+    let felt = contacts.iter().filter(|c| c.normal.is_some());
+    let mut deviations: Vec<f64> = felt.map(|c| c.normal_deviation).collect();
+    deviations.sort_by(f64::total_cmp);
+    deviations.get(deviations.len() / 2).copied().unwrap_or(f64::INFINITY)
 }
 
 /// The contacts' centre, and the distance from there to the farthest, metres.
