@@ -2,7 +2,7 @@
 //!
 //! A contact (p, N) with deviations σ_p and σ_θ on the plane (n, ρ) costs
 //! (n·p − ρ)²/σ_p² + |N − n|²/σ_θ², whose sum over a face depends on its contacts only through
-//! additive moments about their centroid ([`Moments`]). So faces are found by merging: every
+//! additive moments about their centroid (`Moments`). So faces are found by merging: every
 //! contact starts as its own face, and the two faces whose union costs least are merged while that
 //! costs no more than noise would; contacts are then handed to the face that suits them best, and
 //! merging is tried again. The prototype's greedy clustering (expectation–maximisation from contacts
