@@ -34,7 +34,7 @@ const MOST_CONTACTS: usize = 10_000_000;
 pub struct Options {
     /// What is touched.
     pub object: ObjectSpec,
-    /// How often; by default 16 in the plane and 20 in space, as in METHODS' experiments.
+    /// How often; by default 16 in the plane and 20 in space, the 16 as in the thesis (3.4).
     pub grasps: Option<usize>,
     /// Contacts per grasp; for a hand, how many fingers close.
     pub contacts: usize,
@@ -53,7 +53,7 @@ pub struct Options {
 }
 
 impl Options {
-    /// Five-finger grasps of `object` with METHODS' noise: contacts 1 mm and 5°, motion 10 mm and
+    /// Five-finger grasps of `object` with the thesis' noise: contacts 1 mm and 5°, motion 10 mm and
     /// 20°.
     pub fn new(object: ObjectSpec) -> Options {
         Options {

@@ -24,7 +24,7 @@ const OBJECTS: [(&str, u64, f64); 10] = [
     ("ellipsoid:0.1x0.08x0.06", 3, 0.06),
 ];
 
-/// The fields of report.json in DESIGN's order.
+/// The fields of report.json in their documented order.
 const REPORT: [&str; 9] = [
     "grasps",
     "contacts",
