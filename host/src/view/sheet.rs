@@ -62,8 +62,9 @@ pub fn render(sheet: &Sheet) -> Result<Vec<u8>, PictureError> {
     let title = canvas.fitted(headline, &sheet.title, width - 3.0 * GAP);
     canvas.text([1.5 * GAP, 52.0], headline, &title);
 
-    let known: Vec<f64> = panels.iter().flat_map(|p| p.deviations.iter().copied()).collect();
-    let end = scale_end(&known);
+    let known =
+        panels.iter().flat_map(|p| p.deviations.iter().copied()).map(|d| d.min(cap(panels)));
+    let end = scale_end(&known.collect::<Vec<f64>>());
     for (i, panel) in panels.iter().enumerate() {
         let frame = Frame {
             left: 1.5 * GAP + (i % columns) as f32 * (PANEL.0 + GAP),
@@ -71,19 +72,32 @@ pub fn render(sheet: &Sheet) -> Result<Vec<u8>, PictureError> {
             width: PANEL.0,
             height: PANEL.1,
         };
-        draw(&mut canvas, &frame, panel, end);
+        draw(&mut canvas, &frame, panel, end)?;
     }
     legend(&mut canvas, [1.5 * GAP, height - FOOT + 18.0], end);
     canvas.encode()
 }
 
-fn draw(canvas: &mut Canvas, frame: &Frame, panel: &Panel, end: f64) {
+/// What is uncertain by more than a tenth of an object is not known at all: the scale of colours
+/// ends there, metres.
+fn cap(panels: &[Panel]) -> f64 {
+    let size = |p: &Panel| {
+        let (low, high) = p.truth.bounds();
+        (high - low).norm()
+    };
+    0.1 * panels.iter().map(size).fold(0.0, f64::max)
+}
+
+/// Draws one panel; its picture on a canvas of its own, which cuts off what leaves it.
+fn draw(canvas: &mut Canvas, frame: &Frame, panel: &Panel, end: f64) -> Result<(), PictureError> {
     let (title, note) = (Style::new(17.0, INK).bold(), Style::new(14.0, QUIET));
     let fitted = canvas.fitted(title, &panel.title, frame.width);
     canvas.text([frame.left, frame.top + 18.0], title, &fitted);
     let fitted = canvas.fitted(note, &panel.note, frame.width);
     canvas.text([frame.left, frame.top + 40.0], note, &fitted);
-    let picture = frame.inset(0.0, 52.0, 0.0, 0.0);
+    let within = frame.inset(0.0, 52.0, 0.0, 0.0);
+    let mut own = Canvas::new(within.width as u32, within.height as u32, PAPER)?;
+    let picture = Frame { left: 0.0, top: 0.0, ..within };
     let empty = match panel.truth {
         Geometry::Outline(_) => Geometry::Outline(Outline { loops: Vec::new() }),
         Geometry::Mesh(_) => Geometry::Mesh(Mesh::default()),
@@ -100,18 +114,20 @@ fn draw(canvas: &mut Canvas, frame: &Frame, panel: &Panel, end: f64) {
     let shown = Shown { scale_end: end, ..Shown::new(&scene) };
     match (&scene.estimate, &panel.truth) {
         (Geometry::Outline(estimate), Geometry::Outline(truth)) => {
-            plane::draw(canvas, &picture, &shown, estimate, Some(truth));
+            plane::draw(&mut own, &picture, &shown, estimate, Some(truth));
         }
         (Geometry::Mesh(estimate), Geometry::Mesh(truth)) => {
-            model::draw_small(canvas, &picture, &shown, estimate, Some(truth));
+            model::draw_small(&mut own, &picture, &shown, estimate, Some(truth));
         }
         // A plane and a space have no common picture.
         _ => {}
     }
     if panel.estimate.as_ref().is_none_or(crate::shape::metrics::is_empty) {
         let at = [picture.left + picture.width / 2.0, picture.top + picture.height / 2.0];
-        canvas.text(at, Style::new(17.0, QUIET).anchored(Anchor::Middle), "no surface");
+        own.text(at, Style::new(17.0, QUIET).anchored(Anchor::Middle), "no surface");
     }
+    canvas.place(within.left.round() as i32, within.top.round() as i32, &own);
+    Ok(())
 }
 
 fn legend(canvas: &mut Canvas, at: [f32; 2], end: f64) {
