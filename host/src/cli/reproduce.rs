@@ -57,7 +57,6 @@ impl Outcome {
     }
 
     fn write(&self, folder: &Path) -> Result<(), Error> {
-        std::fs::create_dir_all(folder).map_err(|e| cannot_write(folder, &e))?;
         let save = |name: &str, content: &[u8]| {
             let path = folder.join(name);
             write_atomically(&path, |w| w.write_all(content)).map_err(|e| cannot_write(&path, &e))
@@ -80,6 +79,10 @@ fn cannot_write(path: &Path, why: &dyn Display) -> Error {
 /// # Errors
 /// Missing recordings, a folder that cannot be written.
 pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
+    // Before anything long is begun.
+    if let Some(folder) = &args.out {
+        std::fs::create_dir_all(folder).map_err(|e| cannot_write(folder, &e))?;
+    }
     let wanted = |name: &&str| args.name == "all" || args.name == *name;
     let mut outcomes = Vec::new();
     for name in names().into_iter().filter(|n| *n != "all").filter(wanted) {
