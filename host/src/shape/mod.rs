@@ -9,6 +9,7 @@ pub mod mesh;
 pub mod metrics;
 pub mod outline;
 pub mod polytope;
+pub mod superquadric;
 pub mod surface;
 
 pub use mesh::Mesh;
