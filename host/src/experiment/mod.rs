@@ -1,8 +1,11 @@
 //! Experiments behind the figures we publish: one file per thesis figure or table, many seeds, the
 //! thesis' number beside ours.
 
+pub mod chapter2;
 pub mod known_pose;
+pub mod model;
 pub mod push;
+pub mod touches;
 pub mod tracking;
 
 use std::fmt;
@@ -36,6 +39,15 @@ fn evaluate(
 ) -> Option<Report> {
     let provenance = Provenance { title: "", tracker, surface, tracking_seconds: 0.0 };
     conclude(log, truth, steps, provenance).ok().map(|outcome| outcome.report)
+}
+
+/// A picture that an experiment draws.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Picture {
+    /// Of its file.
+    pub name: String,
+    /// Its content, PNG.
+    pub png: Vec<u8>,
 }
 
 /// Median and quartiles of a sample, ignoring what is not finite.
