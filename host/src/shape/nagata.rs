@@ -27,6 +27,10 @@ const APART: f64 = 3.0;
 /// triangle needs 0.43. A quarter of the bend c.
 const MOST_BEND: f64 = 2.0;
 
+/// Where a curve starts or ends nearly across its chord, its normal contradicts the chord: this part
+/// of the chord may be taken back by the bend.
+const FORWARDS: f64 = 0.95;
+
 /// Normals closer than this to parallel (one less their cosine squared) leave the curve open.
 const PARALLEL: f64 = 1e-4;
 
@@ -161,7 +165,7 @@ fn bend(from: &Vertex, to: &Vertex) -> Point {
     let (at_start, at_end) = (n0.dot(&d), -n1.dot(&d));
     let c = (n0 * (at_start - cosine * at_end) + n1 * (at_end - cosine * at_start)) / sine;
     // Both ends must lead forwards.
-    let forwards = c.dot(&d).abs() < d.norm_squared();
+    let forwards = c.dot(&d).abs() < FORWARDS * d.norm_squared();
     if forwards && c.norm() <= MOST_BEND * d.norm() { c } else { Point::zeros() }
 }
 
