@@ -9,8 +9,9 @@ use serde::Serialize;
 
 use crate::cli::{Error, say};
 use crate::experiment::chapter2::{self, FIGURES};
-use crate::experiment::{Picture, data, push, tracking};
+use crate::experiment::{Picture, data, push, shapes, tracking};
 use crate::log::write::write_atomically;
+use crate::quantity::{self, Deviation};
 
 /// Repeat an experiment: the thesis' number, or our goal, beside ours.
 #[derive(Debug, Args)]
@@ -28,14 +29,52 @@ pub struct ReproduceArgs {
     /// Also write numbers and pictures into this folder
     #[arg(long)]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    shapes: ShapesArgs,
 }
+
+/// What `shapes` alone takes: all of it together runs for hours.
+#[derive(Debug, PartialEq, Args)]
+#[command(next_help_heading = "Only for shapes")]
+struct ShapesArgs {
+    /// Only objects whose name holds this, such as ycb/ or box; or any object as in simulate
+    #[arg(long, value_name = "OBJECT")]
+    object: Vec<String>,
+    /// Only these numbers of contacts [default: 5 to 60 in the plane, 5 to 200 in space]
+    #[arg(long, value_name = "N", value_delimiter = ',',
+          value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1024))]
+    contacts: Vec<usize>,
+    /// Standard deviations of contact points and normals [default: 1mm,5deg]
+    #[arg(long, value_name = "LENGTH,ANGLE", value_parser = quantity::deviation)]
+    noise: Option<Deviation>,
+    /// The first seed [default: 0]
+    #[arg(long, value_name = "SEED")]
+    first_seed: Option<u64>,
+}
+
+impl ShapesArgs {
+    /// The first option that was given.
+    fn given(&self) -> Option<&'static str> {
+        [
+            ("--object", !self.object.is_empty()),
+            ("--contacts", !self.contacts.is_empty()),
+            ("--noise", self.noise.is_some()),
+            ("--first-seed", self.first_seed.is_some()),
+        ]
+        .into_iter()
+        .find_map(|(name, given)| given.then_some(name))
+    }
+}
+
+/// The comparison of all models: not part of `all`, which would take hours with it.
+const SHAPES: &str = "shapes";
 
 /// What is not a figure of chapter 2.
 const OTHERS: [&str; 2] = ["figure-3.12", "push"];
 
 fn names() -> Vec<&'static str> {
     let figures = FIGURES.iter().map(|f| f.name);
-    figures.chain(OTHERS).chain(["all"]).collect()
+    figures.chain(OTHERS).chain([SHAPES, "all"]).collect()
 }
 
 /// What an experiment gave: numbers to read, the same for programs, pictures.
@@ -83,9 +122,15 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
     if let Some(folder) = &args.out {
         std::fs::create_dir_all(folder).map_err(|e| cannot_write(folder, &e))?;
     }
+    if args.name == SHAPES {
+        return compare(args);
+    }
+    if let Some(option) = args.shapes.given() {
+        return Err(Error::input(format!("{option}: only shapes takes it, not {}", args.name)));
+    }
     let wanted = |name: &&str| args.name == "all" || args.name == *name;
     let mut outcomes = Vec::new();
-    for name in names().into_iter().filter(|n| *n != "all").filter(wanted) {
+    for name in names().into_iter().filter(|n| *n != "all" && *n != SHAPES).filter(wanted) {
         let outcome = one(name, args)?;
         if !args.json {
             say(&outcome.text);
@@ -97,6 +142,37 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
     }
     if args.json {
         say(serde_json::to_string_pretty(&outcomes).map_err(Error::failure)?);
+    }
+    Ok(())
+}
+
+/// The comparison of all models, row by row as they are done.
+fn compare(args: &ReproduceArgs) -> Result<(), Error> {
+    let ShapesArgs { object, contacts, noise, first_seed } = &args.shapes;
+    let selection = shapes::Selection {
+        objects: object.clone(),
+        contacts: contacts.clone(),
+        noise: noise.unwrap_or(Deviation { length: 1e-3, angle: 5f64.to_radians() }),
+        seeds: args.seeds,
+        first_seed: first_seed.unwrap_or(0),
+    };
+    if !args.json {
+        eprintln!("{}", shapes::heading());
+    }
+    let progress = |row: &shapes::Row| {
+        if !args.json {
+            eprintln!("{row}");
+        }
+    };
+    let table = shapes::run(data().as_deref(), &selection, progress).map_err(Error::input)?;
+    let outcome = Outcome::new(SHAPES, &table, None)?;
+    if let Some(folder) = &args.out {
+        outcome.write(folder)?;
+    }
+    if args.json {
+        say(serde_json::to_string_pretty(&outcome.json).map_err(Error::failure)?);
+    } else {
+        say(&outcome.text);
     }
     Ok(())
 }

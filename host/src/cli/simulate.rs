@@ -19,8 +19,8 @@ use crate::sim::{ObjectSpec, Options, Touch, simulate};
     Example: tactile simulate --object rectangle:0.12x0.06 --seed 1 -o rectangle.jsonl")]
 pub struct SimulateArgs {
     /// What is touched: rectangle:WxH, triangle:R, hexagon:R, ngon:N,R (R the circumradius),
-    /// ellipse:AxB, polygon:FILE, box:XxYxZ, cylinder:DxH, sphere:D, ellipsoid:AxBxC, or a mesh
-    /// file (.ply, .stl, .obj, .off)
+    /// ellipse:AxB, lshape:WxHxT or tshape:WxHxT (arms T wide; WxHxTxZ a prism), polygon:FILE,
+    /// box:XxYxZ, cylinder:DxH, sphere:D, ellipsoid:AxBxC, or a mesh file (.ply, .stl, .obj, .off)
     #[arg(long, value_parser = object)]
     object: ObjectSpec,
     /// How many grasps [default: 16 in the plane, 20 in space]

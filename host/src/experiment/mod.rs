@@ -5,6 +5,7 @@ pub mod chapter2;
 pub mod known_pose;
 pub mod model;
 pub mod push;
+pub mod shapes;
 pub mod touches;
 pub mod tracking;
 

@@ -2,9 +2,12 @@
 
 use crate::reference::hyper::{Belief, Search};
 use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
-use crate::shape::Geometry;
+use crate::shape::occupancy::{Layout, Occupancy};
+use crate::shape::superquadric::Superquadric;
+use crate::shape::{Field, Geometry, nagata};
 use crate::slam::choose::Choice;
 use crate::slam::reconstruct;
+use crate::space::Point;
 
 /// A way to make a shape of contacts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,6 +27,14 @@ pub enum Model {
     Outside,
     /// The Gaussian process about zero: on the surface unless told otherwise.
     Undecided,
+    /// Thesis 2.1, fitted to points and normals.
+    Superquadric,
+    /// Thesis 2.2, through the contacts.
+    Nagata,
+    /// Cells of 5 mm that were touched.
+    Occupancy,
+    /// The contacts themselves: no surface, see [`Cloud`](crate::shape::cloud::Cloud).
+    Cloud,
 }
 
 /// A shape in the object frame.
@@ -31,12 +42,15 @@ pub enum Model {
 pub struct Shape {
     /// Metres.
     pub geometry: Geometry,
-    /// Standard deviation at each vertex, metres.
+    /// Standard deviation at each vertex, metres; empty where the model knows none.
     pub deviations: Vec<f64>,
 }
 
 /// How far beside a contact the thesis' training puts ±1, metres; it does not say.
 const BESIDE: f64 = 0.01;
+
+/// Contacts that decide a kernel's parameters at most; the fit itself uses all.
+const DECIDING: usize = 60;
 
 /// The thesis seeks the greatest likelihood: hardly any belief beforehand.
 const INDIFFERENT: Belief = Belief { mode: 1.0, deviation: 3.0, bounds: (0.1, 10.0) };
@@ -52,6 +66,10 @@ impl Model {
             Model::ThinPlate => "thesis TP",
             Model::Outside => "prior outside",
             Model::Undecided => "prior zero",
+            Model::Superquadric => "superquadric",
+            Model::Nagata => "Nagata",
+            Model::Occupancy => "occupancy",
+            Model::Cloud => "cloud",
         }
     }
 
@@ -74,7 +92,32 @@ impl Model {
             }),
             Model::Outside => about(dimension, contacts, 0.5),
             Model::Undecided => about(dimension, contacts, 0.0),
+            Model::Superquadric => {
+                let fitted = Superquadric::fit(dimension, contacts).ok()?;
+                let geometry = fitted.geometry();
+                let deviations = fitted.deviations(&vertices(&geometry));
+                Some(Shape { geometry, deviations })
+            }
+            Model::Nagata => {
+                let geometry = nagata::interpolate(dimension, contacts).ok()?;
+                Some(Shape { geometry, deviations: vec![] })
+            }
+            Model::Occupancy => {
+                let grid = Occupancy::new(dimension, Layout::default(), contacts, &[]).ok()?;
+                Some(Shape { geometry: grid.geometry(), deviations: vec![] })
+            }
+            Model::Cloud => None,
         }
+    }
+}
+
+/// Of an outline, loop after loop, or of a mesh.
+fn vertices(geometry: &Geometry) -> Vec<Point> {
+    match geometry {
+        Geometry::Outline(o) => {
+            o.loops.iter().flatten().map(|v| Point::new(v[0], v[1], 0.0)).collect()
+        }
+        Geometry::Mesh(m) => m.vertices().to_vec(),
     }
 }
 
@@ -111,7 +154,9 @@ fn seek(
     search: Search,
 ) -> Option<Shape> {
     let radius = radius(contacts)?;
-    let found = search.run(dimension, family, prior, training, contacts, radius).ok()?;
+    let stride = contacts.len().div_ceil(DECIDING);
+    let deciding: Vec<Contact> = contacts.iter().step_by(stride).copied().collect();
+    let found = search.run(dimension, family, prior, training, &deciding, radius).ok()?;
     let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(found.noise)).collect();
     let gpis = Gpis::fit(dimension, found.kernel, prior, training, &contacts).ok()?;
     let (geometry, deviations) = reconstruct::extract(dimension, &gpis, &contacts).ok()?;

@@ -26,7 +26,9 @@ pub struct Distances {
 
 /// Compares two shapes in one frame. Points are drawn evenly from both surfaces, and the distance
 /// of each to the other surface is exact; vertices count for the Hausdorff distance too, so that
-/// corners are never missed. `None` if either shape is empty, if one is planar and the other is
+/// corners are never missed. That distance is the thesis' (C.1–C.3) over these points: over all
+/// points of the surfaces it is greater by at most the distance to the nearest of them: 0.1 mm
+/// around a 400 mm outline, a millimetre inside the facets of a fist-sized mesh. `None` if either shape is empty, if one is planar and the other is
 /// not, or if a coordinate is not finite.
 pub fn compare(estimate: &Geometry, truth: &Geometry) -> Option<Distances> {
     compare_at(estimate, &Pose::identity(), truth)
@@ -37,14 +39,16 @@ pub fn compare_at(estimate: &Geometry, pose: &Pose, truth: &Geometry) -> Option<
     if !comparable(estimate, truth) {
         return None;
     }
-    let samples = match truth {
-        Geometry::Outline(_) => PLANAR_SAMPLES,
-        Geometry::Mesh(_) => SPATIAL_SAMPLES,
-    };
     // Distances do not change under rigid motion: the truth's points are moved back instead of
     // building the estimate anew.
-    let there = one_way(estimate, pose, truth, samples);
-    let back = one_way(truth, &pose.inverse(), estimate, samples);
+    let there = one_way(estimate, pose, truth);
+    let back = one_way(truth, &pose.inverse(), estimate);
+    both_ways(there, back)
+}
+
+/// C.1 of the thesis for the Hausdorff distance, and both ways alike for mean and root mean square;
+/// `None` when a figure is not finite.
+pub(super) fn both_ways(there: Distances, back: Distances) -> Option<Distances> {
     let both = Distances {
         hausdorff: there.hausdorff.max(back.hausdorff),
         mean: 0.5 * (there.mean + back.mean),
@@ -84,15 +88,30 @@ fn vertices(shape: &Geometry) -> Vec<Point> {
     }
 }
 
+/// The points a shape is judged at: drawn evenly, and its vertices.
+pub(super) fn judged(shape: &Geometry) -> (Vec<Point>, Vec<Point>) {
+    let count = match shape {
+        Geometry::Outline(_) => PLANAR_SAMPLES,
+        Geometry::Mesh(_) => SPATIAL_SAMPLES,
+    };
+    (shape.samples(count).into_iter().map(|(p, _)| p).collect(), vertices(shape))
+}
+
 /// Distances from the points of `from`, moved by `pose`, to the surface `to`.
-fn one_way(from: &Geometry, pose: &Pose, to: &Geometry, count: usize) -> Distances {
+fn one_way(from: &Geometry, pose: &Pose, to: &Geometry) -> Distances {
     let distance = |p: &Point| to.distance(&(pose * Point3::from(*p)).coords);
-    let even: Vec<f64> = from.samples(count).par_iter().map(|(p, _)| distance(p)).collect();
-    let corners: Vec<f64> = vertices(from).par_iter().map(distance).collect();
+    let (even, corners) = judged(from);
+    let distances = |points: &[Point]| points.par_iter().map(distance).collect::<Vec<f64>>();
+    summary(&distances(&even), &distances(&corners))
+}
+
+/// One way's figures from the distances of evenly drawn points and of vertices: C.2 or C.3 of the
+/// thesis.
+pub(super) fn summary(even: &[f64], corners: &[f64]) -> Distances {
     let greatest = |a: f64, b: &f64| if b.is_nan() || *b > a { *b } else { a };
     let n = even.len().max(1) as f64;
     Distances {
-        hausdorff: even.iter().chain(&corners).fold(0.0, greatest),
+        hausdorff: even.iter().chain(corners).fold(0.0, greatest),
         mean: even.iter().sum::<f64>() / n,
         rms: (even.iter().map(|d| d * d).sum::<f64>() / n).sqrt(),
     }

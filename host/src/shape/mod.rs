@@ -2,13 +2,17 @@
 //! and the distances between them.
 
 pub mod align;
+pub mod cloud;
 pub mod contour;
 pub mod files;
 pub mod lattice;
 pub mod mesh;
 pub mod metrics;
+pub mod nagata;
+pub mod occupancy;
 pub mod outline;
 pub mod polytope;
+pub mod superquadric;
 pub mod surface;
 
 pub use mesh::Mesh;

@@ -7,6 +7,6 @@ pub(crate) mod random;
 pub mod touch;
 pub mod world;
 
-pub use objects::{ObjectError, ObjectSpec};
+pub use objects::{Arms, ObjectError, ObjectSpec};
 pub use touch::Touch;
 pub use world::{Options, SimError, Simulation, simulate};

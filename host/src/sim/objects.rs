@@ -11,8 +11,8 @@ use crate::space::Point;
 
 /// What exists, for help and error messages.
 pub const KINDS: &str = "rectangle:WxH, triangle:R, hexagon:R, ngon:N,R (R the circumradius), \
-    ellipse:AxB, polygon:FILE, box:XxYxZ, cylinder:DxH, sphere:D, ellipsoid:AxBxC, \
-    or a mesh file (.ply, .stl, .obj, .off)";
+    ellipse:AxB, lshape:WxHxT or tshape:WxHxT (arms T wide; WxHxTxZ a prism), polygon:FILE, \
+    box:XxYxZ, cylinder:DxH, sphere:D, ellipsoid:AxBxC, or a mesh file (.ply, .stl, .obj, .off)";
 
 /// The greatest number of corners of a polygon.
 const MOST_CORNERS: usize = 1000;
@@ -46,6 +46,8 @@ pub enum ObjectSpec {
     },
     /// `ellipse:AxB`, full lengths of the axes.
     Ellipse([f64; 2]),
+    /// `lshape:WxHxT`, `tshape:WxHxT` in the plane, with a fourth length Z a prism that tall.
+    Arms(Arms),
     /// `polygon:FILE`, see [`read_outline`]; moved to its centroid.
     Polygon(PathBuf),
     /// `box:XxYxZ`.
@@ -63,6 +65,19 @@ pub enum ObjectSpec {
     Ellipsoid([f64; 3]),
     /// A mesh file, in its own frame.
     Mesh(PathBuf),
+}
+
+/// Two arms of one width in an L or a T: concave.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arms {
+    /// One arm in the middle of the other (T), not at its end (L).
+    pub tee: bool,
+    /// Over all, along x and y.
+    pub size: [f64; 2],
+    /// Of both arms; below either size.
+    pub width: f64,
+    /// Along z; `None` in the plane.
+    pub height: Option<f64>,
 }
 
 /// Why a text describes no object, or an object has no geometry.
@@ -133,6 +148,7 @@ impl FromStr for ObjectSpec {
                 ObjectSpec::Ngon { corners, radius }
             }
             "ellipse" => ObjectSpec::Ellipse(lengths(text, kind, size, "AxB")?),
+            "lshape" | "tshape" => ObjectSpec::Arms(arms(text, kind, size)?),
             "polygon" => ObjectSpec::Polygon(file("polygon:FILE")?),
             "box" => ObjectSpec::Cuboid(lengths(text, kind, size, "XxYxZ")?),
             "cylinder" => {
@@ -185,6 +201,23 @@ fn lengths<const N: usize>(
     Ok(values)
 }
 
+/// `WxHxT` or `WxHxTxZ`.
+fn arms(text: &str, kind: &str, size: &str) -> Result<Arms, ObjectError> {
+    let (sizes, height) = match size.split('x').count() {
+        4 => {
+            let [w, h, t, z] = lengths(text, kind, size, "WxHxTxZ")?;
+            ([w, h, t], Some(z))
+        }
+        _ => (lengths(text, kind, size, "WxHxT or WxHxTxZ")?, None),
+    };
+    let [w, h, width] = sizes;
+    if !(width < w && width < h) {
+        let found = format!("arms {width} m wide in {w} m by {h} m");
+        return Err(malformed(text, "arms T narrower than W and H", found));
+    }
+    Ok(Arms { tee: kind == "tshape", size: [w, h], width, height })
+}
+
 impl std::fmt::Display for ObjectSpec {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
@@ -193,6 +226,10 @@ impl std::fmt::Display for ObjectSpec {
             ObjectSpec::Ngon { corners: 6, radius } => write!(f, "hexagon:{radius}"),
             ObjectSpec::Ngon { corners, radius } => write!(f, "ngon:{corners},{radius}"),
             ObjectSpec::Ellipse([a, b]) => write!(f, "ellipse:{a}x{b}"),
+            ObjectSpec::Arms(Arms { tee, size: [w, h], width, height }) => {
+                write!(f, "{}shape:{w}x{h}x{width}", if *tee { "t" } else { "l" })?;
+                height.map_or(Ok(()), |z| write!(f, "x{z}"))
+            }
             ObjectSpec::Polygon(file) => write!(f, "polygon:{}", file.display()),
             ObjectSpec::Cuboid([x, y, z]) => write!(f, "box:{x}x{y}x{z}"),
             ObjectSpec::Cylinder { diameter, height } => write!(f, "cylinder:{diameter}x{height}"),
@@ -210,6 +247,7 @@ impl ObjectSpec {
             ObjectSpec::Rectangle(_)
             | ObjectSpec::Ngon { .. }
             | ObjectSpec::Ellipse(_)
+            | ObjectSpec::Arms(Arms { height: None, .. })
             | ObjectSpec::Polygon(_) => 2,
             _ => 3,
         }
@@ -231,6 +269,13 @@ impl ObjectSpec {
                 outline(around(*corners, first, [*radius; 2]))?
             }
             ObjectSpec::Ellipse([a, b]) => outline(around(ELLIPSE, 0.0, [a / 2.0, b / 2.0]))?,
+            ObjectSpec::Arms(arms) => {
+                let (vertices, hub) = arms.polygon();
+                match arms.height {
+                    None => outline(vertices)?,
+                    Some(height) => prism(&vertices, hub, height)?,
+                }
+            }
             ObjectSpec::Polygon(file) => {
                 let read = read_outline(file)?;
                 let [vertices] = &read.loops[..] else {
@@ -242,10 +287,10 @@ impl ObjectSpec {
             }
             ObjectSpec::Cuboid([x, y, z]) => {
                 let corners = [[-x, -y], [*x, -y], [*x, *y], [-x, *y]];
-                prism(&corners.map(|[x, y]| [x / 2.0, y / 2.0]), *z)?
+                prism(&corners.map(|[x, y]| [x / 2.0, y / 2.0]), [0.0; 2], *z)?
             }
             ObjectSpec::Cylinder { diameter, height } => {
-                prism(&around(SIDES, 0.0, [diameter / 2.0; 2]), *height)?
+                prism(&around(SIDES, 0.0, [diameter / 2.0; 2]), [0.0; 2], *height)?
             }
             ObjectSpec::Sphere(d) => ellipsoid([d / 2.0; 3])?,
             ObjectSpec::Ellipsoid(axes) => ellipsoid(axes.map(|a| a / 2.0))?,
@@ -274,12 +319,32 @@ fn around(count: usize, first: f64, [a, b]: [f64; 2]) -> Vec<[f64; 2]> {
     (0..count).map(at).collect()
 }
 
-/// A convex polygon (counter-clockwise around the origin) swept along z.
-fn prism(polygon: &[[f64; 2]], height: f64) -> Result<Geometry, ObjectError> {
+impl Arms {
+    /// Corners counter-clockwise about the centroid, and the middle of where the arms meet, which
+    /// sees all of them.
+    fn polygon(&self) -> (Vec<[f64; 2]>, [f64; 2]) {
+        let ([w, h], t) = (self.size, self.width);
+        let (corners, hub) = if self.tee {
+            let (left, right) = ((w - t) / 2.0, (w + t) / 2.0);
+            let stem = [[left, h - t], [left, 0.0], [right, 0.0], [right, h - t]];
+            let bar = [[w, h - t], [w, h], [0.0, h], [0.0, h - t]];
+            ([stem, bar].concat(), [w / 2.0, h - t / 2.0])
+        } else {
+            let corners = [[0.0, 0.0], [w, 0.0], [w, t], [t, t], [t, h], [0.0, h]];
+            (corners.to_vec(), [t / 2.0, t / 2.0])
+        };
+        let c = Outline { loops: vec![corners.clone()] }.centroid();
+        let centred = |[x, y]: [f64; 2]| [x - c.x, y - c.y];
+        (corners.into_iter().map(centred).collect(), centred(hub))
+    }
+}
+
+/// A polygon, counter-clockwise and all of it seen from `hub`, swept along z.
+fn prism(polygon: &[[f64; 2]], [x, y]: [f64; 2], height: f64) -> Result<Geometry, ObjectError> {
     let n = polygon.len() as u32;
     let at = |z: f64| polygon.iter().map(move |v| Point::new(v[0], v[1], z));
     let mut vertices: Vec<Point> = at(-height / 2.0).chain(at(height / 2.0)).collect();
-    vertices.extend([Point::new(0.0, 0.0, -height / 2.0), Point::new(0.0, 0.0, height / 2.0)]);
+    vertices.extend([Point::new(x, y, -height / 2.0), Point::new(x, y, height / 2.0)]);
     let (bottom, top) = (2 * n, 2 * n + 1);
     let triangles = (0..n).flat_map(|i| {
         let j = (i + 1) % n;
@@ -347,6 +412,9 @@ mod tests {
             "hexagon:0.045",
             "ngon:5,0.05",
             "ellipse:0.12x0.06",
+            "lshape:0.09x0.08x0.03",
+            "tshape:0.09x0.08x0.03",
+            "lshape:0.09x0.08x0.03x0.05",
             "polygon:a.csv",
             "box:0.12x0.06x0.05",
             "cylinder:0.06x0.1",
@@ -375,6 +443,8 @@ mod tests {
             ("rectangle:120x60mm", "from 0.1 mm to 10 m, found 120 m"),
             ("ngon:2,0.1", "3 to 1000 corners"),
             ("ngon:7", "expected ngon:N,R, found 0 lengths"),
+            ("lshape:0.1x0.1", "expected lshape:WxHxT or WxHxTxZ, found 2 lengths"),
+            ("tshape:0.1x0.1x0.1", "expected arms T narrower than W and H"),
             ("polygon:", "expected polygon:FILE, found no file"),
         ] {
             let error = text.parse::<ObjectSpec>().unwrap_err().to_string();
@@ -395,6 +465,13 @@ mod tests {
             assert!((outline.area() - area).abs() < 1e-12, "{text}");
             assert!(outline.centroid().norm() < 1e-12, "{text}");
         }
+        for text in ["lshape:0.09x0.08x0.03", "tshape:0.09x0.08x0.03"] {
+            let outline = outline_of(text);
+            assert!((outline.area() - 0.03 * (0.09 + 0.05)).abs() < 1e-15, "{text}");
+            assert!(outline.centroid().norm() < 1e-12, "{text}");
+            let (low, high) = outline.bounds();
+            assert!((high - low - Point::new(0.09, 0.08, 0.0)).norm() < 1e-12, "{text}");
+        }
         let ellipse = outline_of("ellipse:0.12x0.06");
         for (p, _) in ellipse.samples(1000) {
             let level = (p.x / 0.06).hypot(p.y / 0.03);
@@ -407,6 +484,8 @@ mod tests {
         let volumes = [
             ("box:0.12x0.06x0.05", 0.12 * 0.06 * 0.05),
             ("cylinder:0.1x0.12", PI * 0.0025 * 0.12),
+            ("lshape:0.09x0.08x0.03x0.05", 0.03 * 0.14 * 0.05),
+            ("tshape:0.09x0.08x0.03x0.05", 0.03 * 0.14 * 0.05),
             ("sphere:0.1", PI / 6.0 * 1e-3),
             ("ellipsoid:0.12x0.08x0.06", PI / 6.0 * 0.12 * 0.08 * 0.06),
         ];
