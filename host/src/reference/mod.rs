@@ -9,6 +9,7 @@
 //! data has z = 0 and the dimension, 2 or 3, decides how many derivatives there are.
 
 pub mod cholesky;
+pub mod ellipsoid;
 pub mod faces;
 pub mod filter;
 pub mod gpis;
@@ -20,6 +21,7 @@ pub mod tracker;
 #[cfg(test)]
 mod tests;
 
+pub use ellipsoid::Ellipsoid;
 pub use faces::Faces;
 pub use filter::{Filter, Gate, Settings};
 pub use gpis::{Gpis, Training};
