@@ -12,7 +12,7 @@ pub use faces::{Face, Faces};
 pub use gpis::{Gpis, Training};
 pub use grid::Grid;
 pub use kernel::{Kernel, Matern32, SquaredExponential, ThinPlate};
-pub use prior::{Ball, Constant, Prior};
+pub use prior::{Ball, Constant, Ellipsoid, Polytope, Prior, Shape, SignedDistance};
 
 use crate::contact::Contact;
 use crate::space::Space;
