@@ -15,7 +15,9 @@ pub mod filter;
 pub mod gpis;
 pub mod hyper;
 pub mod kernel;
+pub mod local;
 pub mod prior;
+pub mod spheres;
 pub mod tracker;
 
 #[cfg(test)]
@@ -26,7 +28,9 @@ pub use faces::Faces;
 pub use filter::{Filter, Gate, Settings};
 pub use gpis::{Gpis, Training};
 pub use kernel::Kernel;
+pub use local::Local;
 pub use prior::Prior;
+pub use spheres::{Normalisation, Spheres};
 pub use tracker::Tracker;
 
 use crate::space::{Point, Pose};
