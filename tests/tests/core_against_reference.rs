@@ -1,6 +1,9 @@
 //! The core in single precision, incremental and bounded, against the dense double-precision
 //! reference that was written apart from it: the same contacts must give the same surface.
 
+#[path = "core_against_reference/models.rs"]
+mod models;
+
 use nalgebra::{UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use tactile_core::contact::{Contact, GraspView};
@@ -82,6 +85,15 @@ fn place(dimension: usize, round: bool, half: &Point, u: [f64; 3]) -> (Point, Po
 /// 5 to 40 contacts, 1 mm and 5° off, on a shape of 40 to 160 mm, in the frame of their centroid as
 /// the tracker places it; questions within 30 mm of them.
 fn case(dimension: usize) -> impl Strategy<Value = Case> {
+    case_with_noise(dimension, POINT_DEVIATION, NORMAL_DEVIATION)
+}
+
+/// The same with these standard deviations, metres and radians.
+fn case_with_noise(
+    dimension: usize,
+    point_deviation: f32,
+    normal_deviation: f32,
+) -> impl Strategy<Value = Case> {
     let contact = proptest::array::uniform10(0.0f64..1.0);
     let half = proptest::array::uniform3(0.02f64..0.08).prop_map(Point::from);
     let turn = proptest::array::uniform3(-3.0f64..3.0).prop_map(Vector3::from);
@@ -96,8 +108,8 @@ fn case(dimension: usize) -> impl Strategy<Value = Case> {
                 let (point, n) = place(dimension, round, &half, [u[0], u[1], u[2]]);
                 let [a, b] = normal(u[3], u[4]);
                 let [c, d] = normal(u[5], u[6]);
-                let point = point + flat(Point::new(a, b, c)) * f64::from(POINT_DEVIATION);
-                let off = flat(Point::new(d, a, b)) * f64::from(NORMAL_DEVIATION);
+                let point = point + flat(Point::new(a, b, c)) * f64::from(point_deviation);
+                let off = flat(Point::new(d, a, b)) * f64::from(normal_deviation);
                 let n = (n + off - n * n.dot(&off)).normalize();
                 contacts.push((turn * point, turn * n));
                 let offset = Point::new(u[7], u[8], u[9]) * 2.0 - Point::repeat(1.0);
@@ -112,8 +124,8 @@ fn case(dimension: usize) -> impl Strategy<Value = Case> {
                     .map(|(p, n)| reference::Contact {
                         point: single(p - centroid),
                         normal: Some(single(n)),
-                        point_deviation: f64::from(POINT_DEVIATION),
-                        normal_deviation: f64::from(NORMAL_DEVIATION),
+                        point_deviation: f64::from(point_deviation),
+                        normal_deviation: f64::from(normal_deviation),
                     })
                     .collect(),
                 queries: queries.into_iter().map(|q| single(q - centroid)).collect(),

@@ -4,7 +4,17 @@
 //! A contact is learnt in one of two ways. [`Training::Normals`] gives the contact's value 0 and its
 //! normal as an observation of ∇f, with their own noise: one value row and one row per axis.
 //! [`Training::OffSurface`] is the thesis' form: value 0 at the contact and values ±d at the points
-//! p ± d·n. A contact without a normal gives its value row alone.
+//! p ± d·n. A contact without a normal gives its value row alone. [`Training::Spheres`] is the
+//! thesis' form for space (2.2.4).
+//!
+//! Contacts that are not valid ([`Contact::checked`]: a number that is not finite, a normal that is
+//! none, no noise) are dropped, and so are contacts that repeat another with so little noise that
+//! their row is not positive definite in `f32`. Everything else has a finite answer: coincident
+//! points with opposite normals leave the slope between them undecided.
+
+mod spheres;
+
+pub use spheres::Spheres;
 
 use crate::contact::Contact;
 use crate::math;
@@ -22,9 +32,14 @@ pub enum Training {
     Normals,
     /// Thesis 2.2.2: three value rows per contact, the outer two this many metres off the surface.
     OffSurface(
-        /// d, metres.
+        /// d, metres. The thesis' values ±1 in units of d: the same surface as with its own units
+        /// when amplitude and noise are d times the thesis' and the prior mean is zero.
         f32,
     ),
+    /// Thesis 2.2.4: contacts between an enclosing sphere and one within, normalised. Sphere points
+    /// take the last sites, and every refit factors anew: about n³/6 multiplications and n²/2
+    /// kernel values over all n rows. From an insertion to the next refit they are missing.
+    Spheres(Spheres),
 }
 
 /// One point of the covariance matrix: a value row and, where `slope`, one row per axis after it.
@@ -46,6 +61,8 @@ struct Site<S: Space> {
     /// 1/(k(0) + σ²) of the value and of each slope: what this site alone explains.
     value_precision: f32,
     slope_precision: f32,
+    /// σ² of the value, square metres.
+    noise: f32,
     /// Variance that remains of f here when only the best other contact is known, square metres, and
     /// the first site of that contact: how little this contact would be missed. Kept for the first
     /// site of every contact.
@@ -67,6 +84,7 @@ impl<S: Space> Site<S> {
         row: 0,
         value_precision: 0.0,
         slope_precision: 0.0,
+        noise: 0.0,
         novelty: 0.0,
         neighbour: 0,
         value_weight: 0.0,
@@ -114,11 +132,15 @@ pub struct Gpis<
     const ROWS: usize,
     const PACKED: usize,
 > {
+    /// In force; `given` is what was configured, from which normalisation makes it.
     kernel: K,
+    given: K,
     prior: P,
     training: Training,
     sites: [Site<S>; SITES],
+    /// Sites of contacts, and of sphere points after them.
     count: usize,
+    enclosing: usize,
     factor: Cholesky<ROWS, PACKED>,
     /// (K + Σ)⁻¹ (y − m), row by row: the workspace of `refit`.
     weights: [f32; ROWS],
@@ -137,10 +159,12 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         let () = Self::SIZES_FIT;
         Gpis {
             kernel: K::UNSET,
+            given: K::UNSET,
             prior: P::UNSET,
             training: Training::Normals,
             sites: [Site::UNSET; SITES],
             count: 0,
+            enclosing: 0,
             factor: Cholesky::new(),
             weights: [0.0; ROWS],
             misfit: 0.0,
@@ -149,7 +173,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
 
     /// Sets the model and forgets every contact.
     pub fn configure(&mut self, kernel: K, prior: P, training: Training) {
-        self.kernel = kernel;
+        (self.kernel, self.given) = (kernel, kernel);
         self.prior = prior;
         self.training = training;
         self.clear();
@@ -239,13 +263,14 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             - HALF_LN_TAU * self.factor.rows() as f32
     }
 
+    /// Sites of contacts and sphere points.
     fn sites(&self) -> &[Site<S>] {
-        &self.sites[..self.count]
+        &self.sites[..self.count + self.enclosing]
     }
 
     /// Whether a contact of this many sites and rows still fits.
     fn fits(&self, sites: usize, rows: usize) -> bool {
-        self.count + sites <= SITES && self.factor.rows() + rows <= ROWS
+        self.count + sites <= SITES && self.taken() + rows <= ROWS
     }
 
     /// Appends the rows of one site.
@@ -320,9 +345,14 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         let slope_noise = contact.normal_deviation * contact.normal_deviation;
         let felt = contact.normal.is_some();
         let normal = contact.normal.unwrap_or(S::Vector::ZERO);
-        let surface = Site { point: contact.point, normal, felt, ..Site::UNSET };
+        let surface =
+            Site { point: contact.point, normal, felt, noise: value_noise, ..Site::UNSET };
         let (leader, rows) = (self.count, self.factor.rows());
         let outcome = match (contact.normal, self.training) {
+            (_, Training::Spheres(spheres)) => {
+                self.defer(surface, &spheres);
+                Ok(())
+            }
             (None, _) => self.append(surface, value_noise, 0.0),
             (Some(_), Training::Normals) => {
                 self.append(Site { slope: true, ..surface }, value_noise, slope_noise)
@@ -476,7 +506,8 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             gradient += d * (site.value_weight * a - b * along) - site.slope_weight * a;
             variance = math::min(self.variance_given(site, d2, radial), variance);
             slope_variance = math::min(self.slope_variance_given(site, d2, radial), slope_variance);
-            nearest = math::min(d2, nearest);
+            // Points off the surface are no contacts.
+            nearest = math::min(if site.value == 0.0 { d2 } else { f32::INFINITY }, nearest);
         }
         Probe {
             value,
@@ -492,7 +523,14 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     Map<S> for Gpis<S, K, P, SITES, ROWS, PACKED>
 {
     fn insert(&mut self, contact: &Contact<S>) -> Insertion {
+        let Ok(contact) = contact.checked() else { return Insertion::Dropped };
+        let contact = &contact;
+        self.open();
         let (sites, rows) = match (contact.normal, self.training) {
+            (normal, Training::Spheres(spheres)) => {
+                let own = if normal.is_some() && spheres.offset.is_some() { 3 } else { 1 };
+                (own + spheres.points(), own + spheres.points())
+            }
             (None, _) => (1, 1),
             (Some(_), Training::Normals) => (1, 1 + S::DIMENSION),
             (Some(_), Training::OffSurface(_)) => (3, 3),
@@ -521,11 +559,14 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     }
 
     fn refit(&mut self) {
+        if let Training::Spheres(spheres) = self.training {
+            self.enclose(&spheres);
+        }
         self.prior = self.prior.fitted(self.leaders().map(|leader| {
             let site = &self.sites[leader];
             (site.point, site.felt.then_some(site.normal))
         }));
-        for site in &self.sites[..self.count] {
+        for site in &self.sites[..self.count + self.enclosing] {
             let (mean, slope) = self.prior.mean(site.point);
             let row = usize::from(site.row);
             self.weights[row] = site.value - mean;
@@ -539,7 +580,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         self.factor.forward(weights);
         self.misfit = weights.iter().map(|v| v * v).sum();
         self.factor.backward(weights);
-        for site in &mut self.sites[..self.count] {
+        for site in &mut self.sites[..self.count + self.enclosing] {
             let row = usize::from(site.row);
             site.value_weight = weights[row];
             if site.slope {
@@ -549,7 +590,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     }
 
     fn clear(&mut self) {
-        self.count = 0;
+        (self.count, self.enclosing) = (0, 0);
         self.factor.truncate(0);
         self.misfit = 0.0;
     }

@@ -27,6 +27,10 @@ pub trait Kernel: Copy + Send + Sync + 'static {
 
     /// Variance of each component of ∇f: −a(0), no unit.
     fn slope_variance(&self) -> f32;
+
+    /// The same kernel with amplitude and lengths this many times as large: what the kernel is when
+    /// its numbers were multiples of `unit` metres.
+    fn scaled(&self, unit: f32) -> Self;
 }
 
 /// A kernel at one distance; see the module.
@@ -69,6 +73,13 @@ impl Kernel for SquaredExponential {
         self.amplitude * self.amplitude * math::exp(-0.5 * r2 * w)
     }
 
+    fn scaled(&self, unit: f32) -> Self {
+        SquaredExponential {
+            amplitude: self.amplitude * unit,
+            lengthscale: self.lengthscale * unit,
+        }
+    }
+
     #[inline(always)]
     fn variance(&self) -> f32 {
         self.amplitude * self.amplitude
@@ -106,6 +117,10 @@ impl Kernel for Matern32 {
     fn value(&self, r2: f32) -> f32 {
         let u = SQRT_3 / self.lengthscale * math::sqrt(r2);
         self.amplitude * self.amplitude * (1.0 + u) * math::exp(-u)
+    }
+
+    fn scaled(&self, unit: f32) -> Self {
+        Matern32 { amplitude: self.amplitude * unit, lengthscale: self.lengthscale * unit }
     }
 
     #[inline(always)]
@@ -146,6 +161,10 @@ impl Kernel for ThinPlate {
     fn value(&self, r2: f32) -> f32 {
         let u2 = r2 / (self.range * self.range);
         self.amplitude * self.amplitude * (u2 * (2.0 * math::sqrt(u2) - 3.0) + 1.0)
+    }
+
+    fn scaled(&self, unit: f32) -> Self {
+        ThinPlate { amplitude: self.amplitude * unit, range: self.range * unit }
     }
 
     #[inline(always)]

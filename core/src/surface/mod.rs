@@ -6,13 +6,15 @@ pub mod faces;
 pub mod gpis;
 pub mod grid;
 pub mod kernel;
+pub mod local;
 pub mod prior;
 
 pub use faces::{Face, Faces};
-pub use gpis::{Gpis, Training};
+pub use gpis::{Gpis, Spheres, Training};
 pub use grid::Grid;
 pub use kernel::{Kernel, Matern32, SquaredExponential, ThinPlate};
-pub use prior::{Ball, Constant, Prior};
+pub use local::Local;
+pub use prior::{Ball, Constant, Ellipsoid, Polytope, Prior, Shape, SignedDistance};
 
 use crate::contact::Contact;
 use crate::space::Space;
@@ -65,3 +67,6 @@ pub enum Insertion {
     /// positive definite in `f32` (an exact repetition with no noise).
     Dropped,
 }
+
+#[cfg(test)]
+mod bad_input;

@@ -1,11 +1,17 @@
 //! Prior means: what a surface model believes where nothing was touched.
 
+mod ellipsoid;
+mod shape;
+
+pub use ellipsoid::Ellipsoid;
+pub use shape::{Polytope, Shape, SignedDistance};
+
 use crate::matrix::Coordinates;
 use crate::space::Space;
 
 /// A prior mean with its gradient.
 pub trait Prior<S: Space>: Copy + Send + Sync + 'static {
-    /// All zero bits, so that a model can live in `.bss`.
+    /// All zero bits, so that a model can live in `.bss`; before it is fitted or set.
     const UNSET: Self;
 
     /// Mean of f (metres) and of ∇f at `point` (object frame, metres).

@@ -118,15 +118,17 @@ fn cannot_write(path: &Path, why: &dyn Display) -> Error {
 /// # Errors
 /// Missing recordings, a folder that cannot be written.
 pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
+    if let Some(option) = args.shapes.given()
+        && args.name != SHAPES
+    {
+        return Err(Error::input(format!("{option}: only shapes takes it, not {}", args.name)));
+    }
     // Before anything long is begun.
     if let Some(folder) = &args.out {
         std::fs::create_dir_all(folder).map_err(|e| cannot_write(folder, &e))?;
     }
     if args.name == SHAPES {
         return compare(args);
-    }
-    if let Some(option) = args.shapes.given() {
-        return Err(Error::input(format!("{option}: only shapes takes it, not {}", args.name)));
     }
     let wanted = |name: &&str| args.name == "all" || args.name == *name;
     let mut outcomes = Vec::new();

@@ -5,7 +5,8 @@ use rayon::prelude::*;
 
 use super::cholesky::Cholesky;
 use super::kernel::Radial;
-use super::{Contact, Kernel, Prior};
+use super::spheres::Normalisation;
+use super::{Contact, Kernel, Prior, Spheres};
 use crate::shape::Field;
 use crate::space::Point;
 
@@ -21,6 +22,9 @@ pub enum Training {
         /// Metres.
         distance: f64,
     },
+    /// Thesis 2.2.4: contacts between an enclosing sphere and one within, normalised: the kernel's
+    /// lengths and amplitude are multiples of the contacts' [extent](Normalisation::extent).
+    Spheres(Spheres),
 }
 
 /// Why there is no surface.
@@ -67,7 +71,8 @@ pub enum Error {
     NotPositiveDefinite {
         /// Row of the matrix, from 0.
         row: usize,
-        /// The contact this row belongs to, from 0.
+        /// The contact this row belongs to, from 0; their number for a point of
+        /// [`Training::Spheres`].
         contact: usize,
     },
 }
@@ -153,6 +158,10 @@ impl Gpis {
         }
         kernel.check()?;
         prior.check()?;
+        let kernel = match (training, Normalisation::of(contacts)) {
+            (Training::Spheres(_), Some(normalisation)) => kernel.scaled(normalisation.extent),
+            _ => kernel,
+        };
         let observations = observe(dimension, &prior, training, contacts)?;
         let n = observations.len();
         if n > Self::MOST_ROWS {
@@ -338,6 +347,13 @@ fn observe(
     {
         return Err(Error::Parameter { name: "off-surface distance", value: distance });
     }
+    let spheres = match training {
+        Training::Spheres(spheres) => {
+            spheres.check()?;
+            Normalisation::of(contacts).map(|normalisation| (spheres, normalisation))
+        }
+        _ => None,
+    };
     let mut rows = Vec::new();
     for (index, contact) in contacts.iter().enumerate() {
         contact.check(dimension).map_err(|what| Error::Contact { index, what })?;
@@ -366,7 +382,22 @@ fn observe(
             Training::OffSurface { distance } => {
                 rows.extend([distance, -distance].map(|d| value(p + n * d, d)));
             }
+            Training::Spheres(_) => {
+                let offset =
+                    spheres.and_then(|(s, normalisation)| Some(s.offset? * normalisation.extent));
+                rows.extend(offset.into_iter().flat_map(|d| [d, -d]).map(|d| value(p + n * d, d)));
+            }
         }
+    }
+    if let Some((spheres, normalisation)) = spheres {
+        let variance = normalisation.deviation.powi(2);
+        rows.extend(spheres.points(dimension, &normalisation).map(|(point, target)| Observation {
+            contact: contacts.len(),
+            point,
+            part: Part::Value,
+            target: target - prior.value(&point),
+            variance,
+        }));
     }
     Ok(rows)
 }

@@ -109,6 +109,23 @@ impl Kernel {
         }
     }
 
+    /// The same kernel with amplitude and lengths `unit` times as large: what it is when its numbers
+    /// were multiples of `unit` metres.
+    pub fn scaled(&self, unit: f64) -> Kernel {
+        match *self {
+            Kernel::SquaredExponential { amplitude, lengthscale } => Kernel::SquaredExponential {
+                amplitude: amplitude * unit,
+                lengthscale: lengthscale * unit,
+            },
+            Kernel::Matern32 { amplitude, lengthscale } => {
+                Kernel::Matern32 { amplitude: amplitude * unit, lengthscale: lengthscale * unit }
+            }
+            Kernel::ThinPlate { amplitude, range } => {
+                Kernel::ThinPlate { amplitude: amplitude * unit, range: range * unit }
+            }
+        }
+    }
+
     /// Refuses parameters that are not finite and positive.
     ///
     /// # Errors

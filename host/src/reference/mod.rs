@@ -9,22 +9,28 @@
 //! data has z = 0 and the dimension, 2 or 3, decides how many derivatives there are.
 
 pub mod cholesky;
+pub mod ellipsoid;
 pub mod faces;
 pub mod filter;
 pub mod gpis;
 pub mod hyper;
 pub mod kernel;
+pub mod local;
 pub mod prior;
+pub mod spheres;
 pub mod tracker;
 
 #[cfg(test)]
 mod tests;
 
+pub use ellipsoid::Ellipsoid;
 pub use faces::Faces;
 pub use filter::{Filter, Gate, Settings};
 pub use gpis::{Gpis, Training};
 pub use kernel::Kernel;
+pub use local::Local;
 pub use prior::Prior;
+pub use spheres::{Normalisation, Spheres};
 pub use tracker::Tracker;
 
 use crate::space::{Point, Pose};

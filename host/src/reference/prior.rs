@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix4, Vector4};
 
-use super::Contact;
 use super::gpis::Error;
+use super::{Contact, Ellipsoid};
 use crate::space::Point;
 
 /// Mean of the Gaussian process before data (thesis 2.18–2.20; the sign of 2.18 corrected: what is
@@ -20,6 +20,8 @@ pub enum Prior {
         /// R, metres.
         radius: f64,
     },
+    /// A quadric that vanishes on an ellipsoid or ellipse.
+    Ellipsoid(Ellipsoid),
 }
 
 impl Prior {
@@ -72,7 +74,16 @@ impl Prior {
         }
     }
 
-    /// Refuses parameters that are not finite, or a radius that is not positive.
+    /// The ellipsoid (ellipse, when `dimension` is 2) that fits contacts best,
+    /// [`Ellipsoid::fitted`]; where they do not decide one, the ball of [`fitted`](Prior::fitted).
+    /// `None` without contacts.
+    pub fn ellipsoid(dimension: usize, contacts: &[Contact]) -> Option<Prior> {
+        let ellipsoid = Ellipsoid::fitted(dimension, contacts).map(Prior::Ellipsoid);
+        ellipsoid.or_else(|| Prior::fitted(contacts))
+    }
+
+    /// Refuses parameters that are not finite, a radius that is not positive, or an ellipsoid that
+    /// is none.
     ///
     /// # Errors
     /// [`Error::Parameter`] names the parameter and its value.
@@ -86,6 +97,17 @@ impl Prior {
             Prior::Ball { radius, .. } if !(*radius > 0.0 && radius.is_finite()) => {
                 bad("prior radius", *radius)
             }
+            Prior::Ellipsoid(e) if !(e.height > 0.0 && e.height.is_finite()) => {
+                bad("height of the prior's ellipsoid", e.height)
+            }
+            Prior::Ellipsoid(e) if !e.centre.norm().is_finite() => {
+                bad("distance of the prior's centre", e.centre.norm())
+            }
+            Prior::Ellipsoid(e)
+                if !(e.curvature.norm() > 0.0 && e.curvature.norm().is_finite()) =>
+            {
+                bad("curvature of the prior's ellipsoid", e.curvature.norm())
+            }
             _ => Ok(()),
         }
     }
@@ -95,6 +117,7 @@ impl Prior {
         match self {
             Prior::Constant(value) => *value,
             Prior::Ball { centre, radius } => 0.5 * ((p - centre).norm_squared() / radius - radius),
+            Prior::Ellipsoid(ellipsoid) => ellipsoid.value(p),
         }
     }
 
@@ -103,6 +126,7 @@ impl Prior {
         match self {
             Prior::Constant(_) => Point::zeros(),
             Prior::Ball { centre, radius } => (p - centre) / *radius,
+            Prior::Ellipsoid(ellipsoid) => ellipsoid.gradient(p),
         }
     }
 }

@@ -176,7 +176,7 @@ pub fn fit(dimension: usize, contacts: &[Contact]) -> Result<(Kernel, Gpis), Err
     };
     let radius = match prior {
         Prior::Ball { radius, .. } => radius,
-        Prior::Constant(_) => Prior::LEAST_RADIUS,
+        _ => Prior::LEAST_RADIUS,
     };
     let stride = contacts.len().div_ceil(DECIDING);
     let deciding: Vec<Contact> = contacts.iter().step_by(stride).copied().collect();
