@@ -8,12 +8,14 @@
 //! f < 0 inside, scaled as a signed distance in metres; normals point out of the object; planar
 //! data has z = 0 and the dimension, 2 or 3, decides how many derivatives there are.
 
+pub mod body;
 pub mod cholesky;
 pub mod faces;
 pub mod filter;
 pub mod gpis;
 pub mod hyper;
 pub mod kernel;
+pub mod mean;
 pub mod prior;
 pub mod tracker;
 
@@ -24,6 +26,7 @@ pub use faces::Faces;
 pub use filter::{Filter, Gate, Settings};
 pub use gpis::{Gpis, Training};
 pub use kernel::Kernel;
+pub use mean::Mean;
 pub use prior::Prior;
 pub use tracker::Tracker;
 
