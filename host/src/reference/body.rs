@@ -9,9 +9,9 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, SymmetricEigen};
 
-use super::Contact;
 use super::gpis::Error;
 use super::mean::{Local, Mean};
+use super::{Contact, Prior};
 use crate::space::Point;
 
 mod fit;
@@ -19,7 +19,7 @@ mod fit;
 /// The quadric (p − c)ᵀ A (p − c) = 1 with A positive semi-definite (thesis 2.19 and 2.20; an
 /// eigenvalue of zero makes a cylinder) as a distance to first order: with q² = (p − c)ᵀ A (p − c),
 /// the field q (q − 1)/|A (p − c)| has a gradient of length 1 on the surface, whatever the axes, and
-/// is the exact distance of a ball or a round cylinder.
+/// is the exact distance of a round cylinder.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quadric {
     centre: Point,
@@ -76,7 +76,10 @@ pub struct Plane {
 /// What a body is the intersection of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Part {
-    /// Ball, ellipsoid, cylinder.
+    /// A ball, or [`Prior`] of another kind, in its own form: as a square it is smooth at the
+    /// centre, which matters where an object is much thinner than the ball about it.
+    Prior(Prior),
+    /// Ellipsoid, cylinder and what is between.
     Quadric(Quadric),
     /// Flat end.
     Plane(Plane),
@@ -86,6 +89,7 @@ impl Part {
     /// Value and gradient at `p`.
     pub fn at(&self, p: &Point) -> Local {
         match self {
+            Part::Prior(prior) => (prior.value(p), prior.gradient(p)),
             Part::Quadric(quadric) => quadric.at(p),
             Part::Plane(plane) => (plane.normal.dot(p) - plane.offset, plane.normal),
         }
@@ -130,6 +134,9 @@ pub struct Body {
     modes: Vec<Mode>,
     /// Half the squared distance of its parameters from those most bodies have, in deviations.
     oddity: f64,
+    /// χ² of the body alone and its degrees of freedom.
+    chi_squared: f64,
+    degrees: f64,
 }
 
 /// Deviations of a contact's point within which a crease may be crossed.
@@ -145,6 +152,17 @@ impl Body {
     /// ones.
     pub fn oddity(&self) -> f64 {
         self.oddity
+    }
+
+    /// χ² per degree of freedom of the contacts on the body alone: about 1 where it is right and the
+    /// contacts say the truth about their noise.
+    pub fn misfit(&self) -> f64 {
+        self.chi_squared / self.degrees.max(1.0)
+    }
+
+    /// Measured numbers less fitted ones, the expectation of χ².
+    pub fn degrees(&self) -> f64 {
+        self.degrees
     }
 
     /// The part that decides at `p`, with its value and gradient.
@@ -166,9 +184,12 @@ impl Body {
             .map(|part| part.at(&contact.point))
             .enumerate()
             .filter(|(_, local)| local.0 >= near)
-            .fold((index, most), |best, part| {
-                if apart(&part.1) < apart(&best.1) { part } else { best }
-            })
+            .fold(
+                (index, most),
+                |best, part| {
+                    if apart(&part.1) < apart(&best.1) { part } else { best }
+                },
+            )
     }
 
     fn modes_of(&self, part: usize, p: &Point) -> impl Iterator<Item = Local> {

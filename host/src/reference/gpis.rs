@@ -312,6 +312,29 @@ impl Gpis {
         self.posterior_variances(points, Part::Value)
     }
 
+    /// Posterior mean and covariance (2.14) of the values at all points together, m and m².
+    pub fn joint(&self, points: &[Point]) -> (DVector<f64>, DMatrix<f64>) {
+        let points: Vec<Point> = points.iter().map(|p| self.flat(p)).collect();
+        let value = |p: &Point| (*p, Part::Value);
+        let mut cross = DMatrix::from_fn(self.rows(), points.len(), |i, j| {
+            let o = &self.observations[i];
+            covariance(&self.kernel, (o.point, o.part), value(&points[j]))
+        });
+        let mut own = DMatrix::from_fn(points.len(), points.len(), |i, j| {
+            covariance(&self.kernel, value(&points[i]), value(&points[j]))
+        });
+        if !self.shifts.is_empty() {
+            let modes: Vec<f64> =
+                points.iter().flat_map(|p| self.prior.modes(p)).map(|mode| mode.0).collect();
+            let modes = DMatrix::from_vec(self.shifts.len(), points.len(), modes);
+            cross.gemm(1.0, &self.modes, &modes, 1.0);
+            own.gemm_tr(1.0, &modes, &modes, 1.0);
+        }
+        self.cholesky.forward(&mut cross);
+        own.gemm_tr(-1.0, &cross, &cross, 1.0);
+        (DVector::from_vec(self.means(&points)), own)
+    }
+
     /// Mean over the axes of the posterior variance of the derivative along each, at each point.
     pub fn gradient_variances(&self, points: &[Point]) -> Vec<f64> {
         let mut sums = vec![0.0; points.len()];
@@ -366,7 +389,8 @@ impl Gpis {
             return (0.0, Point::zeros());
         }
         let modes = self.prior.modes(p).into_iter().zip(&self.shifts);
-        modes.fold((0.0, Point::zeros()), |sum, (mode, z)| (sum.0 + mode.0 * z, sum.1 + mode.1 * *z))
+        modes
+            .fold((0.0, Point::zeros()), |sum, (mode, z)| (sum.0 + mode.0 * z, sum.1 + mode.1 * *z))
     }
 
     fn posterior_variances(&self, points: &[Point], part: Part) -> Vec<f64> {
@@ -388,7 +412,10 @@ impl Gpis {
                     .collect();
                 let modes = DMatrix::from_vec(self.shifts.len(), points.len(), modes);
                 cross.gemm(1.0, &self.modes, &modes, 1.0);
-                priors.iter_mut().zip(modes.column_iter()).for_each(|(v, m)| *v += m.norm_squared());
+                priors
+                    .iter_mut()
+                    .zip(modes.column_iter())
+                    .for_each(|(v, m)| *v += m.norm_squared());
             }
             self.cholesky.forward(&mut cross);
             let left = |(c, prior): (_, f64)| {

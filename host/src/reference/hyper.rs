@@ -98,6 +98,8 @@ pub struct Found {
     pub noise: f64,
     /// Log marginal likelihood of the contacts there, nats; the prior's share is not in it.
     pub log_likelihood: f64,
+    /// The same with the beliefs about the parameters, as densities of their logarithms.
+    pub log_posterior: f64,
 }
 
 /// Climbing ends when no free logarithm gains more than this, nats.
@@ -310,7 +312,9 @@ impl Hill<'_> {
                 value -= 0.5 * ((x - b.mode.ln()) / b.deviation).powi(2);
             }
         }
-        Ok((value, gpis, Found { kernel, noise, log_likelihood }))
+        let widths = self.beliefs.iter().flatten().map(|b| b.deviation.ln());
+        let log_posterior = value - widths.sum::<f64>();
+        Ok((value, gpis, Found { kernel, noise, log_likelihood, log_posterior }))
     }
 }
 

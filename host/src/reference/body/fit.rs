@@ -48,8 +48,9 @@ struct Fit {
 struct Felt {
     point: Point,
     normal: Option<Point>,
-    /// 1/deviation of the point and of the normal.
+    /// 1/deviation of the point and of the normal, with what no body fits and without.
     weights: (f64, f64),
+    exact: (f64, f64),
 }
 
 /// Contacts in radii about the centre of the ball that fits them.
@@ -61,11 +62,10 @@ struct Problem {
 }
 
 impl Body {
-    /// The ball that fits best. `None` without contacts.
+    /// The ball of [`Prior::fitted`]. `None` without contacts.
     pub fn ball(dimension: usize, contacts: &[Contact]) -> Option<Body> {
         let problem = Problem::of(dimension, contacts)?;
-        let start = problem.start(Round::Ball);
-        problem.body(&problem.climb(start, STEPS))
+        problem.body(&problem.start(Round::Ball))
     }
 
     /// The quadric that fits best: least squares of distances and normals, with a weak pull to the
@@ -86,8 +86,7 @@ impl Body {
         let whole = best.parameters.len();
         for _ in 0..CUTS {
             let tried = left.iter().map(|plane| problem.climb(best.cut(dimension, plane), TRIAL));
-            let Some((index, fit)) =
-                tried.enumerate().min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))
+            let Some((index, fit)) = tried.enumerate().min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))
             else {
                 break;
             };
@@ -145,8 +144,15 @@ impl Problem {
                 weight(c.point_deviation / radius, MISFIT.0),
                 weight(c.normal_deviation, MISFIT.1),
             ),
+            exact: (weight(c.point_deviation / radius, 0.0), weight(c.normal_deviation, 0.0)),
         });
         Some(Problem { dimension, centre, radius, felt: felt.collect() })
+    }
+
+    /// The same with the contacts' own deviations.
+    fn exact(&self) -> Problem {
+        let felt = self.felt.iter().map(|f| Felt { weights: f.exact, ..*f }).collect();
+        Problem { felt, ..*self }
     }
 
     fn start(&self, round: Round) -> Fit {
@@ -180,10 +186,14 @@ impl Problem {
             Point::from_fn(|axis, _| if axis < d { parameters[from + axis] } else { 0.0 })
         };
         let mut parts = Vec::new();
-        let mut root = Matrix3::zeros();
         match fit.round {
-            Round::Ball => (0..d).for_each(|i| root[(i, i)] = parameters[d]),
+            Round::Ball if parameters[d] > 0.0 => {
+                let radius = parameters[d].recip();
+                parts.push(Part::Prior(Prior::Ball { centre: axes(0), radius }));
+            }
+            Round::Ball => return None,
             Round::Quadric => {
+                let mut root = Matrix3::zeros();
                 let mut at = d;
                 for row in 0..d {
                     for column in 0..=row {
@@ -191,11 +201,9 @@ impl Problem {
                         at += 1;
                     }
                 }
+                parts.push(Part::Quadric(Quadric::new(axes(0), root * root.transpose())?));
             }
             Round::Nothing => {}
-        }
-        if fit.round != Round::Nothing {
-            parts.push(Part::Quadric(Quadric::new(axes(0), root * root.transpose())?));
         }
         for at in (fit.round_parameters(d)..parameters.len()).step_by(d + 1) {
             let normal = axes(at).try_normalize(1e-9)?;
@@ -206,11 +214,15 @@ impl Problem {
 
     /// The same part in metres.
     fn placed(&self, part: &Part) -> Option<Part> {
+        let moved = |p: &Point| self.centre + p * self.radius;
         Some(match part {
-            Part::Quadric(q) => Part::Quadric(Quadric::new(
-                self.centre + q.centre * self.radius,
-                q.form / self.radius.powi(2),
-            )?),
+            Part::Prior(Prior::Ball { centre, radius }) => {
+                Part::Prior(Prior::Ball { centre: moved(centre), radius: radius * self.radius })
+            }
+            Part::Prior(_) => return None,
+            Part::Quadric(q) => {
+                Part::Quadric(Quadric::new(moved(&q.centre), q.form / self.radius.powi(2))?)
+            }
             Part::Plane(p) => Part::Plane(Plane {
                 normal: p.normal,
                 offset: p.offset * self.radius + p.normal.dot(&self.centre),
@@ -238,7 +250,15 @@ impl Problem {
         let modes = (0..fit.parameters.len()).map(mode).collect::<Option<_>>()?;
         let usual = self.start(fit.round).parameters;
         let odd = (0..round).map(|i| ((fit.parameters[i] - usual[i]) / SHAPE).powi(2));
-        Some(Body { parts: placed(&fit.parameters)?, modes, oddity: 0.5 * odd.sum::<f64>() })
+        let oddity = 0.5 * odd.sum::<f64>();
+        // With the contacts' own weights; their normals have one number less than they have axes.
+        let exact = self.exact().climb(fit.clone(), TRIAL);
+        let measured =
+            self.felt.iter().map(|f| if f.normal.is_some() { self.dimension } else { 1 });
+        let planes = (fit.parameters.len() - round) / (self.dimension + 1);
+        let degrees = measured.sum::<usize>() as f64 - (round + self.dimension * planes) as f64;
+        let parts = placed(&fit.parameters)?;
+        Some(Body { parts, modes, oddity, chi_squared: exact.cost, degrees })
     }
 
     /// Standardised residuals: per contact the body's value, and the normal's difference from the
