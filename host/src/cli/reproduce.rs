@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::cli::{Error, say};
 use crate::experiment::chapter2::{self, FIGURES};
-use crate::experiment::{Picture, data, push, shapes, tracking};
+use crate::experiment::{Picture, calibration, data, push, shapes, tracking};
 use crate::log::write::write_atomically;
 use crate::quantity::{self, Deviation};
 
@@ -66,15 +66,18 @@ impl ShapesArgs {
     }
 }
 
-/// The comparison of all models: not part of `all`, which would take hours with it.
+/// The comparison of all models.
 const SHAPES: &str = "shapes";
 
 /// What is not a figure of chapter 2.
 const OTHERS: [&str; 2] = ["figure-3.12", "push"];
 
+/// Not part of `all`, which would take hours with them.
+const LONG: [&str; 2] = [SHAPES, "calibration"];
+
 fn names() -> Vec<&'static str> {
     let figures = FIGURES.iter().map(|f| f.name);
-    figures.chain(OTHERS).chain([SHAPES, "all"]).collect()
+    figures.chain(OTHERS).chain(LONG).chain(["all"]).collect()
 }
 
 /// What an experiment gave: numbers to read, the same for programs, pictures.
@@ -130,9 +133,12 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
     if args.name == SHAPES {
         return compare(args);
     }
-    let wanted = |name: &&str| args.name == "all" || args.name == *name;
+    let wanted = |name: &&str| match args.name.as_str() {
+        "all" => *name != "all" && !LONG.contains(name),
+        one => one == *name,
+    };
     let mut outcomes = Vec::new();
-    for name in names().into_iter().filter(|n| *n != "all" && *n != SHAPES).filter(wanted) {
+    for name in names().into_iter().filter(wanted) {
         let outcome = one(name, args)?;
         if !args.json {
             say(&outcome.text);
@@ -183,6 +189,10 @@ fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
     if let Some(figure) = chapter2::figure(name) {
         let drawn = figure.draw(args.seeds).map_err(Error::failure)?;
         return Outcome::new(name, &drawn, Some(drawn.picture.clone()));
+    }
+    if name == "calibration" {
+        let table = calibration::run(data().as_deref(), 0, args.seeds).map_err(Error::failure)?;
+        return Outcome::new(name, &table, None);
     }
     let table = match name {
         "figure-3.12" => tracking::run(args.seeds).map_err(Error::failure)?,

@@ -1,6 +1,7 @@
 //! Experiments behind the figures we publish: one file per thesis figure or table, many seeds, the
 //! thesis' number beside ours.
 
+pub mod calibration;
 pub mod chapter2;
 pub mod known_pose;
 pub mod model;

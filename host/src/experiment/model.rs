@@ -76,7 +76,7 @@ impl Model {
     /// The shape of contacts in the object frame; `None` where the model gives none.
     pub fn reconstruct(&self, dimension: usize, contacts: &[Contact]) -> Option<Shape> {
         let ours = |choice| {
-            let (_, geometry, deviations) = reconstruct::shape(dimension, contacts, choice).ok()?;
+            let (_, geometry, deviations) = reconstruct::shape(dimension, contacts, &[], choice).ok()?;
             Some(Shape { geometry, deviations })
         };
         match self {

@@ -1,12 +1,15 @@
 //! Gaussian-process implicit surface over a dense covariance matrix: thesis 2.2.
 
+use std::sync::Arc;
+
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::cholesky::Cholesky;
 use super::kernel::Radial;
+use super::mean::Local;
 use super::spheres::Normalisation;
-use super::{Contact, Kernel, Prior, Spheres};
+use super::{Contact, Kernel, Mean, Spheres};
 use crate::shape::Field;
 use crate::space::Point;
 
@@ -25,6 +28,30 @@ pub enum Training {
     /// Thesis 2.2.4: contacts between an enclosing sphere and one within, normalised: the kernel's
     /// lengths and amplitude are multiples of the contacts' [extent](Normalisation::extent).
     Spheres(Spheres),
+}
+
+/// The field's value at a point, known to a variance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reading {
+    /// Where, metres.
+    pub point: Point,
+    /// f there, metres.
+    pub value: f64,
+    /// m².
+    pub variance: f64,
+}
+
+impl Reading {
+    /// What is wrong with it, if anything.
+    fn check(&self) -> Result<(), &'static str> {
+        if !self.point.iter().chain([&self.value]).all(|x| x.is_finite()) {
+            return Err("a reading's point and value must be finite");
+        }
+        if !(self.variance > 0.0 && self.variance.is_finite()) {
+            return Err("a reading's variance must be finite and positive");
+        }
+        Ok(())
+    }
 }
 
 /// Why there is no surface.
@@ -121,9 +148,13 @@ pub struct Evaluation {
 pub struct Gpis {
     dimension: usize,
     pub(super) kernel: Kernel,
-    prior: Prior,
+    prior: Arc<dyn Mean>,
     pub(super) observations: Vec<Observation>,
     sites: Vec<Site>,
+    /// The mean's modes at the rows of the covariance matrix, one a column.
+    pub(super) modes: DMatrix<f64>,
+    /// What the contacts make of each mode, in its standard deviations.
+    shifts: DVector<f64>,
     /// Where the contacts are.
     touched: Vec<Point>,
     pub(super) cholesky: Cholesky,
@@ -149,10 +180,26 @@ impl Gpis {
     pub fn fit(
         dimension: usize,
         kernel: Kernel,
-        prior: Prior,
+        prior: impl Into<Arc<dyn Mean>>,
         training: Training,
         contacts: &[Contact],
     ) -> Result<Self, Error> {
+        Self::fit_with(dimension, kernel, prior, training, contacts, &[])
+    }
+
+    /// The same with `readings` of the field's value elsewhere.
+    ///
+    /// # Errors
+    /// As [`fit`](Gpis::fit); readings count on after the contacts.
+    pub fn fit_with(
+        dimension: usize,
+        kernel: Kernel,
+        prior: impl Into<Arc<dyn Mean>>,
+        training: Training,
+        contacts: &[Contact],
+        readings: &[Reading],
+    ) -> Result<Self, Error> {
+        let prior = prior.into();
         if !(2..=3).contains(&dimension) {
             return Err(Error::Dimension(dimension));
         }
@@ -162,7 +209,19 @@ impl Gpis {
             (Training::Spheres(_), Some(normalisation)) => kernel.scaled(normalisation.extent),
             _ => kernel,
         };
-        let observations = observe(dimension, &prior, training, contacts)?;
+        let (mut observations, mut felt) = observe(dimension, &*prior, training, contacts)?;
+        for (index, reading) in readings.iter().enumerate() {
+            let contact = contacts.len() + index;
+            reading.check().map_err(|what| Error::Contact { index: contact, what })?;
+            observations.push(Observation {
+                contact,
+                point: reading.point,
+                part: Part::Value,
+                target: reading.value - prior.value(&reading.point),
+                variance: reading.variance,
+            });
+            felt.extend(prior.modes(&reading.point).iter().map(|mode| mode.0));
+        }
         let n = observations.len();
         if n > Self::MOST_ROWS {
             return Err(Error::TooLarge { rows: n });
@@ -180,6 +239,10 @@ impl Gpis {
                 matrix[(i, j)] = covariance(&kernel, (a.point, a.part), (b.point, b.part));
             }
             matrix[(j, j)] += b.variance;
+        }
+        let modes = DMatrix::from_row_iterator(n, felt.len().checked_div(n).unwrap_or(0), felt);
+        if modes.ncols() > 0 {
+            matrix.gemm(1.0, &modes, &modes.transpose(), 1.0);
         }
         let cholesky = Cholesky::new(matrix).map_err(|row| Error::NotPositiveDefinite {
             row,
@@ -214,6 +277,8 @@ impl Gpis {
             prior,
             observations,
             sites,
+            shifts: modes.tr_mul(&weights),
+            modes,
             touched: contacts.iter().map(|c| c.point).collect(),
             cholesky,
             log_marginal_likelihood,
@@ -256,6 +321,29 @@ impl Gpis {
         self.posterior_variances(points, Part::Value)
     }
 
+    /// Posterior mean and covariance (2.14) of the values at all points together, m and m².
+    pub fn joint(&self, points: &[Point]) -> (DVector<f64>, DMatrix<f64>) {
+        let points: Vec<Point> = points.iter().map(|p| self.flat(p)).collect();
+        let value = |p: &Point| (*p, Part::Value);
+        let mut cross = DMatrix::from_fn(self.rows(), points.len(), |i, j| {
+            let o = &self.observations[i];
+            covariance(&self.kernel, (o.point, o.part), value(&points[j]))
+        });
+        let mut own = DMatrix::from_fn(points.len(), points.len(), |i, j| {
+            covariance(&self.kernel, value(&points[i]), value(&points[j]))
+        });
+        if !self.shifts.is_empty() {
+            let modes: Vec<f64> =
+                points.iter().flat_map(|p| self.prior.modes(p)).map(|mode| mode.0).collect();
+            let modes = DMatrix::from_vec(self.shifts.len(), points.len(), modes);
+            cross.gemm(1.0, &self.modes, &modes, 1.0);
+            own.gemm_tr(1.0, &modes, &modes, 1.0);
+        }
+        self.cholesky.forward(&mut cross);
+        own.gemm_tr(-1.0, &cross, &cross, 1.0);
+        (DVector::from_vec(self.means(&points)), own)
+    }
+
     /// Mean over the axes of the posterior variance of the derivative along each, at each point.
     pub fn gradient_variances(&self, points: &[Point]) -> Vec<f64> {
         let mut sums = vec![0.0; points.len()];
@@ -289,7 +377,7 @@ impl Gpis {
             let k = self.kernel.radial(e.norm());
             sum += k.value * site.value - k.slope * e.dot(&site.slopes);
         }
-        sum
+        sum + self.shift(&p).0
     }
 
     fn gradient(&self, p: &Point) -> Point {
@@ -301,7 +389,17 @@ impl Gpis {
             let along = k.slope * site.value - k.bend * e.dot(&site.slopes);
             sum += e * along - site.slopes * k.slope;
         }
-        self.flat(&sum)
+        self.flat(&(sum + self.shift(&p).1))
+    }
+
+    /// How the contacts have changed the prior mean's own value and gradient at `p`.
+    fn shift(&self, p: &Point) -> Local {
+        if self.shifts.is_empty() {
+            return (0.0, Point::zeros());
+        }
+        let modes = self.prior.modes(p).into_iter().zip(&self.shifts);
+        modes
+            .fold((0.0, Point::zeros()), |sum, (mode, z)| (sum.0 + mode.0 * z, sum.1 + mode.1 * *z))
     }
 
     fn posterior_variances(&self, points: &[Point], part: Part) -> Vec<f64> {
@@ -310,9 +408,30 @@ impl Gpis {
                 let o = &self.observations[i];
                 covariance(&self.kernel, (o.point, o.part), (self.flat(&points[j]), part))
             });
-            self.cholesky.forward(&mut cross);
             let prior = covariance(&self.kernel, (Point::zeros(), part), (Point::zeros(), part));
-            cross.column_iter().map(|c| (prior - c.norm_squared()).max(0.0)).collect()
+            let mut priors = vec![prior; points.len()];
+            if !self.shifts.is_empty() {
+                let modes: Vec<f64> = points
+                    .iter()
+                    .flat_map(|p| self.prior.modes(&self.flat(p)))
+                    .map(|mode| match part {
+                        Part::Value => mode.0,
+                        Part::Slope(axis) => mode.1[axis],
+                    })
+                    .collect();
+                let modes = DMatrix::from_vec(self.shifts.len(), points.len(), modes);
+                cross.gemm(1.0, &self.modes, &modes, 1.0);
+                priors
+                    .iter_mut()
+                    .zip(modes.column_iter())
+                    .for_each(|(v, m)| *v += m.norm_squared());
+            }
+            self.cholesky.forward(&mut cross);
+            let left = |(c, prior): (_, f64)| {
+                let c: nalgebra::DVectorView<'_, f64> = c;
+                (prior - c.norm_squared()).max(0.0)
+            };
+            cross.column_iter().zip(priors).map(left).collect()
         };
         points.par_chunks(BLOCK).flat_map_iter(block).collect()
     }
@@ -335,13 +454,13 @@ impl Field for Gpis {
 }
 
 /// The rows contacts give: per contact its value, then its derivatives or off-surface values. The
-/// prior is subtracted from the targets.
+/// prior is subtracted from the targets. With the prior's modes at each row.
 fn observe(
     dimension: usize,
-    prior: &Prior,
+    prior: &dyn Mean,
     training: Training,
     contacts: &[Contact],
-) -> Result<Vec<Observation>, Error> {
+) -> Result<(Vec<Observation>, Vec<f64>), Error> {
     if let Training::OffSurface { distance } = training
         && !(distance > 0.0 && distance.is_finite())
     {
@@ -354,7 +473,7 @@ fn observe(
         }
         _ => None,
     };
-    let mut rows = Vec::new();
+    let (mut rows, mut felt) = (Vec::new(), Vec::new());
     for (index, contact) in contacts.iter().enumerate() {
         contact.check(dimension).map_err(|what| Error::Contact { index, what })?;
         let p = contact.point;
@@ -367,10 +486,12 @@ fn observe(
             variance,
         };
         rows.push(value(p, 0.0));
+        let modes = prior.felt_modes(contact);
+        felt.extend(modes.iter().map(|mode| mode.0));
         let Some(n) = contact.normal.map(|n| n.normalize()) else { continue };
         match training {
             Training::Derivative => {
-                let target = n - prior.gradient(&p);
+                let target = n - prior.felt(contact);
                 rows.extend((0..dimension).map(|axis| Observation {
                     contact: index,
                     point: p,
@@ -378,28 +499,40 @@ fn observe(
                     target: target[axis],
                     variance: contact.normal_deviation.powi(2),
                 }));
+                for axis in 0..dimension {
+                    felt.extend(modes.iter().map(|mode| mode.1[axis]));
+                }
             }
             Training::OffSurface { distance } => {
-                rows.extend([distance, -distance].map(|d| value(p + n * d, d)));
+                for d in [distance, -distance] {
+                    rows.push(value(p + n * d, d));
+                    felt.extend(prior.modes(&(p + n * d)).iter().map(|mode| mode.0));
+                }
             }
             Training::Spheres(_) => {
                 let offset =
                     spheres.and_then(|(s, normalisation)| Some(s.offset? * normalisation.extent));
-                rows.extend(offset.into_iter().flat_map(|d| [d, -d]).map(|d| value(p + n * d, d)));
+                for d in offset.into_iter().flat_map(|d| [d, -d]) {
+                    rows.push(value(p + n * d, d));
+                    felt.extend(prior.modes(&(p + n * d)).iter().map(|mode| mode.0));
+                }
             }
         }
     }
     if let Some((spheres, normalisation)) = spheres {
         let variance = normalisation.deviation.powi(2);
-        rows.extend(spheres.points(dimension, &normalisation).map(|(point, target)| Observation {
-            contact: contacts.len(),
-            point,
-            part: Part::Value,
-            target: target - prior.value(&point),
-            variance,
-        }));
+        for (point, target) in spheres.points(dimension, &normalisation) {
+            rows.push(Observation {
+                contact: contacts.len(),
+                point,
+                part: Part::Value,
+                target: target - prior.value(&point),
+                variance,
+            });
+            felt.extend(prior.modes(&point).iter().map(|mode| mode.0));
+        }
     }
-    Ok(rows)
+    Ok((rows, felt))
 }
 
 /// Covariance of two parts of the field before data and without noise.

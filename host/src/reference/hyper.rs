@@ -4,10 +4,12 @@
 //! a common factor on every standard deviation the contacts state. Five contacts decide little, so
 //! each logarithm has a normal prior about what suits most objects of the given radius, and bounds.
 
+use std::sync::Arc;
+
 use nalgebra::{DVector, Matrix3, Vector3};
 
 use super::gpis::{Error, between};
-use super::{Contact, Gpis, Kernel, Prior, Training};
+use super::{Contact, Gpis, Kernel, Mean, Training};
 
 /// Gradient of the log marginal likelihood, nats per unit of each parameter's logarithm.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,12 +30,15 @@ impl Gpis {
         let targets = DVector::from_iterator(rows.len(), rows.iter().map(|o| o.target));
         let weights = self.cholesky.solve(&targets);
         let inverse = self.cholesky.inverse();
-        // Amplitude and noise scale one summand of K = S + N each, so their traces collapse.
+        // Amplitude and noise scale one summand of K = S + N + ΦΦᵀ each (Φ the mean's modes), so
+        // their traces collapse.
         let mut noise = 0.0;
         for (i, o) in rows.iter().enumerate() {
             noise += o.variance * (weights[i] * weights[i] - inverse[(i, i)]);
         }
-        let amplitude = targets.dot(&weights) - rows.len() as f64 - noise;
+        let spread = (&inverse * &self.modes).dot(&self.modes);
+        let fixed = self.modes.tr_mul(&weights).norm_squared() - spread;
+        let amplitude = targets.dot(&weights) - rows.len() as f64 - noise - fixed;
         let mut sum = 0.0;
         for (j, b) in rows.iter().enumerate() {
             for (i, a) in rows.iter().enumerate().skip(j) {
@@ -93,6 +98,8 @@ pub struct Found {
     pub noise: f64,
     /// Log marginal likelihood of the contacts there, nats; the prior's share is not in it.
     pub log_likelihood: f64,
+    /// The same with the beliefs about the parameters, as densities of their logarithms.
+    pub log_posterior: f64,
 }
 
 /// Climbing ends when no free logarithm gains more than this, nats.
@@ -120,7 +127,7 @@ struct Height {
 struct Hill<'a> {
     dimension: usize,
     family: Kernel,
-    prior: Prior,
+    prior: Arc<dyn Mean>,
     training: Training,
     contacts: &'a [Contact],
     radius: f64,
@@ -141,7 +148,7 @@ impl Search {
         &self,
         dimension: usize,
         family: Kernel,
-        prior: Prior,
+        prior: impl Into<Arc<dyn Mean>>,
         training: Training,
         contacts: &[Contact],
         radius: f64,
@@ -173,6 +180,7 @@ impl Search {
                 });
             }
         }
+        let prior = prior.into();
         Hill { dimension, family, prior, training, contacts, radius, beliefs }.search()
     }
 }
@@ -292,10 +300,11 @@ impl Hill<'_> {
                 Kernel::SquaredExponential { amplitude, lengthscale }
             }
             Kernel::Matern32 { .. } => Kernel::Matern32 { amplitude, lengthscale },
+            Kernel::Matern52 { .. } => Kernel::Matern52 { amplitude, lengthscale },
             Kernel::ThinPlate { range, .. } => Kernel::ThinPlate { amplitude, range },
         };
         let contacts: Vec<Contact> = self.contacts.iter().map(|c| c.with_noise(noise)).collect();
-        let gpis = Gpis::fit(self.dimension, kernel, self.prior, self.training, &contacts)?;
+        let gpis = Gpis::fit(self.dimension, kernel, self.prior.clone(), self.training, &contacts)?;
         let log_likelihood = gpis.log_marginal_likelihood();
         let mut value = log_likelihood;
         for (belief, x) in self.beliefs.iter().zip(at.iter()) {
@@ -303,7 +312,9 @@ impl Hill<'_> {
                 value -= 0.5 * ((x - b.mode.ln()) / b.deviation).powi(2);
             }
         }
-        Ok((value, gpis, Found { kernel, noise, log_likelihood }))
+        let widths = self.beliefs.iter().flatten().map(|b| b.deviation.ln());
+        let log_posterior = value - widths.sum::<f64>();
+        Ok((value, gpis, Found { kernel, noise, log_likelihood, log_posterior }))
     }
 }
 
@@ -321,6 +332,7 @@ impl Contact {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reference::Prior;
     use crate::space::Point;
     use proptest::prelude::*;
 

@@ -8,6 +8,7 @@
 //! f < 0 inside, scaled as a signed distance in metres; normals point out of the object; planar
 //! data has z = 0 and the dimension, 2 or 3, decides how many derivatives there are.
 
+pub mod body;
 pub mod cholesky;
 pub mod ellipsoid;
 pub mod faces;
@@ -16,6 +17,7 @@ pub mod gpis;
 pub mod hyper;
 pub mod kernel;
 pub mod local;
+pub mod mean;
 pub mod prior;
 pub mod spheres;
 pub mod tracker;
@@ -29,6 +31,7 @@ pub use filter::{Filter, Gate, Settings};
 pub use gpis::{Gpis, Training};
 pub use kernel::Kernel;
 pub use local::Local;
+pub use mean::Mean;
 pub use prior::Prior;
 pub use spheres::{Normalisation, Spheres};
 pub use tracker::Tracker;

@@ -174,7 +174,7 @@ fn doubt(contacts: &[Contact]) -> f64 {
 }
 
 /// The contacts' centre, and the distance from there to the farthest, metres.
-fn farthest(contacts: &[Contact]) -> (Point, f64) {
+pub(super) fn farthest(contacts: &[Contact]) -> (Point, f64) {
     let centre = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len().max(1) as f64;
     (centre, contacts.iter().map(|c| (c.point - centre).norm()).fold(0.0, f64::max))
 }

@@ -5,6 +5,8 @@
 //! [`output`] evaluates and writes what a reader wants: report, shape, trajectory and picture.
 
 pub mod choose;
+pub mod fit;
+pub mod free;
 pub mod output;
 pub mod reconstruct;
 pub mod track;

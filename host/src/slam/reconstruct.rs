@@ -1,17 +1,18 @@
 //! From contacts at known poses to a surface: fitted faces where they suit, else the dense Gaussian
 //! process, its hyper-parameters by marginal likelihood, and the outline or mesh of its zero set.
 
-use nalgebra::{Matrix6, Vector6};
+use nalgebra::{Matrix3x6, Matrix6, Vector6};
 
 use crate::log::GraspLog;
 use crate::reference::gpis::Error as SurfaceError;
-use crate::reference::hyper::Search;
-use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
+use crate::reference::{Contact, Gpis};
 use crate::shape::lattice::LatticeError;
 use crate::shape::{Field, Geometry, contour, surface};
 use crate::slam::choose::{self, Choice, Model, Refusal};
-use crate::slam::deviations;
+use crate::slam::fit::fit;
+use crate::slam::free::Free;
 use crate::slam::track::Step;
+use crate::slam::{deviations, usual_deviations};
 use crate::space::{Point, Pose};
 
 /// A contact in the object frame, as the surface was fitted to it.
@@ -70,9 +71,6 @@ pub enum Error {
 const PLANAR_CELLS: f64 = 120.0;
 const SPATIAL_CELLS: f64 = 40.0;
 
-/// Contacts that decide the hyper-parameters at most; the fit itself uses all.
-const DECIDING: usize = 150;
-
 /// Refuses a log that [`reconstruct()`] could not take, before anything long is begun.
 ///
 /// # Errors
@@ -105,11 +103,11 @@ pub fn reconstruct(
     if contacts.is_empty() {
         return Err(Error::NoContacts);
     }
-    let (model, geometry, deviations) = shape(log.dimension, &contacts, choice)?;
+    let (model, geometry, deviations) = shape(log.dimension, &contacts, &free(log, steps), choice)?;
     Ok(Reconstruction { geometry, deviations, contacts: placed, model })
 }
 
-/// The shape of contacts in the object frame: the model chosen, outline or mesh, and the standard
+/// The shape of contacts and free points in the object frame: the model chosen, outline or mesh, and the standard
 /// deviation at each of its vertices, metres.
 ///
 /// # Errors
@@ -117,6 +115,7 @@ pub fn reconstruct(
 pub fn shape(
     dimension: usize,
     contacts: &[Contact],
+    free: &[Free],
     choice: Choice,
 ) -> Result<(Model, Geometry, Vec<f64>), Error> {
     let polytope = match choice {
@@ -127,7 +126,7 @@ pub fn shape(
     if let Some((faces, shape)) = polytope {
         return Ok((Model::Faces(faces), shape.geometry, shape.deviations));
     }
-    let (kernel, gpis) = fit(dimension, contacts)?;
+    let (kernel, gpis) = fit(dimension, contacts, free)?;
     let (geometry, deviations) = extract(dimension, &gpis, contacts)?;
     Ok((Model::Gp(kernel), geometry, deviations))
 }
@@ -164,29 +163,25 @@ fn doubt(contact: Contact, covariance: &Matrix6<f64>) -> Contact {
     }
 }
 
-/// The Matérn-3/2 surface about a fitted ball, with the amplitude, the lengthscale and the factor on
-/// the contacts' noise that the contacts, and what suits most objects of the ball's radius, make
-/// most plausible.
-///
-/// # Errors
-/// As [`reconstruct`].
-pub fn fit(dimension: usize, contacts: &[Contact]) -> Result<(Kernel, Gpis), Error> {
-    let Some(prior) = Prior::fitted(contacts) else {
-        return Err(Error::NoContacts);
-    };
-    let radius = match prior {
-        Prior::Ball { radius, .. } => radius,
-        _ => Prior::LEAST_RADIUS,
-    };
-    let stride = contacts.len().div_ceil(DECIDING);
-    let deciding: Vec<Contact> = contacts.iter().step_by(stride).copied().collect();
-    // The search replaces both numbers of the family.
-    let family = Kernel::Matern32 { amplitude: radius, lengthscale: radius };
-    let search = Search::default();
-    let found = search.run(dimension, family, prior, Training::Derivative, &deciding, radius)?;
-    let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(found.noise)).collect();
-    let gpis = Gpis::fit(dimension, found.kernel, prior, Training::Derivative, &contacts)?;
-    Ok((found.kernel, gpis))
+/// Where fingertips of the log touched nothing, in the object frame, the doubt about the poses in
+/// their deviation.
+pub fn free(log: &GraspLog, steps: &[Step]) -> Vec<Free> {
+    let own = usual_deviations(&log.noise).0;
+    let mut free = Vec::new();
+    for (logged, step) in log.grasps.iter().zip(steps) {
+        let to_object = step.pose.inverse();
+        for f in &logged.free {
+            let point = to_object.rotation * f.point + to_object.translation.vector;
+            // The point moves by translation + rotation × point.
+            let shift = Matrix3x6::from_fn(|row, column| match column {
+                0..3 => f64::from(u8::from(row == column)),
+                _ => -point.cross_matrix()[(row, column - 3)],
+            });
+            let doubt = (shift * step.covariance * shift.transpose()).trace().max(0.0);
+            free.push(Free { point, deviation: own.hypot(doubt.sqrt()) });
+        }
+    }
+    free
 }
 
 /// The touched part of the zero set, in a box about the contacts that grows until it holds it.

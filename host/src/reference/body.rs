@@ -1,0 +1,245 @@
+//! A body of few parts as the mean of the Gaussian process: a ball or another quadric, cut by
+//! planes, or planes alone.
+//!
+//! Most things that hands hold are a round body with a few flat ends: a can is a cylinder between
+//! two planes, a bottle an ellipsoid on a plane, a block planes alone. The body carries what many
+//! contacts say together, and the process what is left.
+
+use std::sync::Arc;
+
+use nalgebra::{Matrix3, SymmetricEigen};
+
+use super::gpis::Error;
+use super::mean::{Local, Mean};
+use super::{Contact, Prior};
+use crate::space::Point;
+
+mod fit;
+
+/// The quadric (p − c)ᵀ A (p − c) = 1 with A positive semi-definite (thesis 2.19 and 2.20; an
+/// eigenvalue of zero makes a cylinder) as a distance to first order: with q² = (p − c)ᵀ A (p − c),
+/// the field q (q − 1)/|A (p − c)| has a gradient of length 1 on the surface, whatever the axes, and
+/// is the exact distance of a round cylinder.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quadric {
+    centre: Point,
+    form: Matrix3<f64>,
+    /// Least half axis, metres: the depth of the centre.
+    least: f64,
+}
+
+impl Quadric {
+    /// About `centre` (metres) with `form` A (1/m²; in the plane its last row and column are zero).
+    /// `None` unless both are finite and A has a positive eigenvalue.
+    pub fn new(centre: Point, form: Matrix3<f64>) -> Option<Quadric> {
+        if !(centre.iter().all(|x| x.is_finite()) && form.iter().all(|x| x.is_finite())) {
+            return None;
+        }
+        let least = SymmetricEigen::new(form).eigenvalues.max().sqrt().recip();
+        (least > 0.0 && least.is_finite()).then_some(Quadric { centre, form, least })
+    }
+
+    /// c, metres.
+    pub fn centre(&self) -> Point {
+        self.centre
+    }
+
+    /// A, 1/m².
+    pub fn form(&self) -> Matrix3<f64> {
+        self.form
+    }
+
+    fn at(&self, p: &Point) -> Local {
+        let v = p - self.centre;
+        let w = self.form * v;
+        let square = v.dot(&w).max(0.0);
+        let (q, slope) = (square.sqrt(), w.norm());
+        // At the centre, and on the axis of a cylinder, there is no direction to the surface.
+        if !(q > 1e-6 && slope > 0.0) {
+            return (-self.least, Point::zeros());
+        }
+        let value = (square - q) / slope;
+        let bend = self.form * w * (value / (slope * slope));
+        (value, w * ((2.0 - 1.0 / q) / slope) - bend)
+    }
+}
+
+/// The half-space n·p ≤ ρ.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plane {
+    /// Unit, out of the object.
+    pub normal: Point,
+    /// ρ, metres.
+    pub offset: f64,
+}
+
+/// What a body is the intersection of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Part {
+    /// A ball, or [`Prior`] of another kind, in its own form: as a square it is smooth at the
+    /// centre, which matters where an object is much thinner than the ball about it.
+    Prior(Prior),
+    /// Ellipsoid, cylinder and what is between.
+    Quadric(Quadric),
+    /// Flat end.
+    Plane(Plane),
+}
+
+impl Part {
+    /// Value and gradient at `p`.
+    pub fn at(&self, p: &Point) -> Local {
+        match self {
+            Part::Prior(prior) => (prior.value(p), prior.gradient(p)),
+            Part::Quadric(quadric) => quadric.at(p),
+            Part::Plane(plane) => (plane.normal.dot(p) - plane.offset, plane.normal),
+        }
+    }
+}
+
+/// How one part changes with one parameter, as a difference.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Mode {
+    part: usize,
+    more: Part,
+    less: Part,
+    /// 1/(parameter's way from less to more in standard deviations).
+    scale: f64,
+}
+
+/// The intersection of parts as the maximum of their fields, with creases where they meet.
+///
+/// ```
+/// use tactile_host::reference::body::Body;
+/// use tactile_host::reference::{Contact, Mean};
+/// use tactile_host::space::Point;
+///
+/// // Twenty touches around an ellipse of 120 × 60 mm.
+/// let contacts: Vec<Contact> = (0..20)
+///     .map(|i| {
+///         let (sin, cos) = (0.314 * f64::from(i)).sin_cos();
+///         Contact {
+///             point: Point::new(0.06 * cos, 0.03 * sin, 0.0),
+///             normal: Some(Point::new(cos / 0.06, sin / 0.03, 0.0).normalize()),
+///             point_deviation: 1e-3,
+///             normal_deviation: 0.05,
+///         }
+///     })
+///     .collect();
+/// let body = Body::quadric(2, &contacts).unwrap();
+/// assert!((body.value(&Point::new(0.07, 0.0, 0.0)) - 0.01).abs() < 2e-3);
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct Body {
+    parts: Vec<Part>,
+    modes: Vec<Mode>,
+    /// Half the squared distance of its parameters from those most bodies have, in deviations.
+    oddity: f64,
+    /// χ² of the body alone and its degrees of freedom.
+    chi_squared: f64,
+    degrees: f64,
+}
+
+/// Deviations of a contact's point within which a crease may be crossed.
+const CREASE: f64 = 2.0;
+
+impl Body {
+    /// What it is the intersection of.
+    pub fn parts(&self) -> &[Part] {
+        &self.parts
+    }
+
+    /// Nats by which its parameters are less probable, before any contact, than the most probable
+    /// ones.
+    pub fn oddity(&self) -> f64 {
+        self.oddity
+    }
+
+    /// χ² per degree of freedom of the contacts on the body alone: about 1 where it is right and the
+    /// contacts say the truth about their noise.
+    pub fn misfit(&self) -> f64 {
+        self.chi_squared / self.degrees.max(1.0)
+    }
+
+    /// Measured numbers less fitted ones, the expectation of χ².
+    pub fn degrees(&self) -> f64 {
+        self.degrees
+    }
+
+    /// The part that decides at `p`, with its value and gradient.
+    fn active(&self, p: &Point) -> (usize, Local) {
+        let far = (0, (f64::NEG_INFINITY, Point::zeros()));
+        let parts = self.parts.iter().map(|part| part.at(p)).enumerate();
+        parts.fold(far, |most, part| if part.1.0 > most.1.0 { part } else { most })
+    }
+
+    /// The part a contact was felt on: of those its deviation lets it lie on, the one whose normal
+    /// is most like its own.
+    fn touched(&self, contact: &Contact) -> (usize, Local) {
+        let (index, most) = self.active(&contact.point);
+        let Some(normal) = contact.normal else { return (index, most) };
+        let near = most.0 - CREASE * contact.point_deviation;
+        let apart = |local: &Local| (local.1 - normal).norm_squared();
+        self.parts
+            .iter()
+            .map(|part| part.at(&contact.point))
+            .enumerate()
+            .filter(|(_, local)| local.0 >= near)
+            .fold(
+                (index, most),
+                |best, part| {
+                    if apart(&part.1) < apart(&best.1) { part } else { best }
+                },
+            )
+    }
+
+    fn modes_of(&self, part: usize, p: &Point) -> impl Iterator<Item = Local> {
+        let p = *p;
+        self.modes.iter().map(move |mode| {
+            if mode.part != part {
+                return (0.0, Point::zeros());
+            }
+            let (more, less) = (mode.more.at(&p), mode.less.at(&p));
+            ((more.0 - less.0) * mode.scale, (more.1 - less.1) * mode.scale)
+        })
+    }
+}
+
+impl Mean for Body {
+    fn value(&self, p: &Point) -> f64 {
+        self.active(p).1.0
+    }
+
+    fn gradient(&self, p: &Point) -> Point {
+        self.active(p).1.1
+    }
+
+    fn felt(&self, contact: &Contact) -> Point {
+        self.touched(contact).1.1
+    }
+
+    fn modes(&self, p: &Point) -> Vec<Local> {
+        self.modes_of(self.active(p).0, p).collect()
+    }
+
+    fn felt_modes(&self, contact: &Contact) -> Vec<Local> {
+        let value = self.modes_of(self.active(&contact.point).0, &contact.point);
+        let slope = self.modes_of(self.touched(contact).0, &contact.point);
+        value.zip(slope).map(|(v, s)| (v.0, s.1)).collect()
+    }
+
+    fn check(&self) -> Result<(), Error> {
+        if self.parts.is_empty() {
+            return Err(Error::Parameter { name: "number of parts of a body", value: 0.0 });
+        }
+        Ok(())
+    }
+}
+
+impl From<Body> for Arc<dyn Mean> {
+    fn from(body: Body) -> Self {
+        Arc::new(body)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,335 @@
+//! Fitting a body to contacts: Levenberg–Marquardt over the parameters of all its parts.
+
+use nalgebra::{DMatrix, DVector, Matrix3};
+
+use super::{Body, Mode, Part, Plane, Quadric};
+use crate::reference::{Contact, Faces, Prior};
+use crate::space::Point;
+
+/// What no body fits exactly: deviations added to the contacts', of the point in multiples of the
+/// object's radius and of the normal in radians.
+const MISFIT: (f64, f64) = (0.02, 0.1);
+
+/// Standard deviation of a body's parameters before any contact, in radii and inverse radii of the
+/// ball about it; a plane's direction is anybody's guess.
+const SHAPE: f64 = 0.7;
+const DIRECTION: f64 = 1.0;
+
+/// Steps of one fit, and of one trial of a cut.
+const STEPS: usize = 20;
+const TRIAL: usize = 6;
+
+/// Most planes that cut a quadric.
+const CUTS: usize = 6;
+
+/// Difference of a parameter for its slope.
+const NUDGE: f64 = 1e-5;
+
+/// What a body is begun with.
+#[derive(Clone, Copy, PartialEq)]
+enum Round {
+    /// Centre and inverse radius.
+    Ball,
+    /// Centre and lower triangle of the root of A.
+    Quadric,
+    /// Planes alone.
+    Nothing,
+}
+
+/// Parameters in radii about the ball's centre: of the round part, then normal and offset of each
+/// plane.
+#[derive(Clone)]
+struct Fit {
+    round: Round,
+    parameters: DVector<f64>,
+    cost: f64,
+}
+
+struct Felt {
+    point: Point,
+    normal: Option<Point>,
+    /// 1/deviation of the point and of the normal, with what no body fits and without.
+    weights: (f64, f64),
+    exact: (f64, f64),
+}
+
+/// Contacts in radii about the centre of the ball that fits them.
+struct Problem {
+    dimension: usize,
+    centre: Point,
+    radius: f64,
+    felt: Vec<Felt>,
+}
+
+impl Body {
+    /// The ball of [`Prior::fitted`]. `None` without contacts.
+    pub fn ball(dimension: usize, contacts: &[Contact]) -> Option<Body> {
+        let problem = Problem::of(dimension, contacts)?;
+        problem.body(&problem.start(Round::Ball))
+    }
+
+    /// The quadric that fits best: least squares of distances and normals, with a weak pull to the
+    /// ball. `None` without contacts.
+    pub fn quadric(dimension: usize, contacts: &[Contact]) -> Option<Body> {
+        let problem = Problem::of(dimension, contacts)?;
+        let start = problem.start(Round::Quadric);
+        problem.body(&problem.climb(start, STEPS))
+    }
+
+    /// The quadric cut by those of the `faces` that pay for their parameters (by the Bayesian
+    /// information criterion), all fitted together. `None` without contacts, or when no cut pays.
+    pub fn cut(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<Body> {
+        let problem = Problem::of(dimension, contacts)?;
+        let mut best = problem.climb(problem.start(Round::Quadric), STEPS);
+        let price = dimension as f64 * ((contacts.len() * dimension) as f64).ln();
+        let mut left = problem.planes(faces, 2);
+        let whole = best.parameters.len();
+        for _ in 0..CUTS {
+            let tried = left.iter().map(|plane| problem.climb(best.cut(dimension, plane), TRIAL));
+            let Some((index, fit)) = tried.enumerate().min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))
+            else {
+                break;
+            };
+            if fit.cost + price >= best.cost {
+                break;
+            }
+            left.remove(index);
+            best = problem.climb(fit, STEPS);
+        }
+        if best.parameters.len() == whole { None } else { problem.body(&best) }
+    }
+
+    /// The polytope of all `faces`, closed or not. `None` without contacts or faces.
+    pub fn polytope(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<Body> {
+        let problem = Problem::of(dimension, contacts)?;
+        let planes = problem.planes(faces, 1);
+        let start = problem.start(Round::Nothing);
+        problem.body(&planes.iter().fold(start, |fit, plane| fit.cut(dimension, plane)))
+    }
+}
+
+impl Fit {
+    /// How many of the parameters are the round part's.
+    fn round_parameters(&self, dimension: usize) -> usize {
+        match self.round {
+            Round::Ball => dimension + 1,
+            Round::Quadric => dimension * (dimension + 3) / 2,
+            Round::Nothing => 0,
+        }
+    }
+
+    fn cut(&self, dimension: usize, plane: &Plane) -> Fit {
+        let normal = plane.normal.iter().take(dimension);
+        let parameters = self.parameters.iter().chain(normal).chain([&plane.offset]);
+        let parameters = DVector::from_vec(parameters.copied().collect());
+        Fit { parameters, ..*self }
+    }
+
+    /// Which part each parameter belongs to.
+    fn part_of(&self, dimension: usize, parameter: usize) -> usize {
+        let round = self.round_parameters(dimension);
+        let first = usize::from(self.round != Round::Nothing);
+        if parameter < round { 0 } else { first + (parameter - round) / (dimension + 1) }
+    }
+}
+
+impl Problem {
+    fn of(dimension: usize, contacts: &[Contact]) -> Option<Problem> {
+        let Prior::Ball { centre, radius } = Prior::fitted(contacts)? else { return None };
+        let weight = |deviation: f64, misfit: f64| deviation.hypot(misfit).recip();
+        let felt = contacts.iter().map(|c| Felt {
+            point: (c.point - centre) / radius,
+            normal: c.normal,
+            weights: (
+                weight(c.point_deviation / radius, MISFIT.0),
+                weight(c.normal_deviation, MISFIT.1),
+            ),
+            exact: (weight(c.point_deviation / radius, 0.0), weight(c.normal_deviation, 0.0)),
+        });
+        Some(Problem { dimension, centre, radius, felt: felt.collect() })
+    }
+
+    /// The same with the contacts' own deviations.
+    fn exact(&self) -> Problem {
+        let felt = self.felt.iter().map(|f| Felt { weights: f.exact, ..*f }).collect();
+        Problem { felt, ..*self }
+    }
+
+    fn start(&self, round: Round) -> Fit {
+        let d = self.dimension;
+        let mut parameters = vec![0.0; d];
+        match round {
+            Round::Ball => parameters.push(1.0),
+            Round::Quadric => {
+                for row in 0..d {
+                    parameters.extend((0..=row).map(|c| if row == c { 1.0 } else { 0.0 }));
+                }
+            }
+            Round::Nothing => parameters.clear(),
+        }
+        Fit { round, parameters: DVector::from_vec(parameters), cost: f64::INFINITY }
+    }
+
+    /// The faces with at least so many contacts.
+    fn planes(&self, faces: &Faces, least: usize) -> Vec<Plane> {
+        let plane = |f: &crate::reference::faces::Face| Plane {
+            normal: f.normal,
+            offset: (f.offset - f.normal.dot(&self.centre)) / self.radius,
+        };
+        faces.faces.iter().filter(|f| f.contacts >= least).map(plane).collect()
+    }
+
+    /// The parts that parameters stand for, in radii; `None` where they stand for nothing.
+    fn parts(&self, fit: &Fit, parameters: &DVector<f64>) -> Option<Vec<Part>> {
+        let d = self.dimension;
+        let axes = |from: usize| {
+            Point::from_fn(|axis, _| if axis < d { parameters[from + axis] } else { 0.0 })
+        };
+        let mut parts = Vec::new();
+        match fit.round {
+            Round::Ball if parameters[d] > 0.0 => {
+                let radius = parameters[d].recip();
+                parts.push(Part::Prior(Prior::Ball { centre: axes(0), radius }));
+            }
+            Round::Ball => return None,
+            Round::Quadric => {
+                let mut root = Matrix3::zeros();
+                let mut at = d;
+                for row in 0..d {
+                    for column in 0..=row {
+                        root[(row, column)] = parameters[at];
+                        at += 1;
+                    }
+                }
+                parts.push(Part::Quadric(Quadric::new(axes(0), root * root.transpose())?));
+            }
+            Round::Nothing => {}
+        }
+        for at in (fit.round_parameters(d)..parameters.len()).step_by(d + 1) {
+            let normal = axes(at).try_normalize(1e-9)?;
+            parts.push(Part::Plane(Plane { normal, offset: parameters[at + d] }));
+        }
+        (!parts.is_empty()).then_some(parts)
+    }
+
+    /// The same part in metres.
+    fn placed(&self, part: &Part) -> Option<Part> {
+        let moved = |p: &Point| self.centre + p * self.radius;
+        Some(match part {
+            Part::Prior(Prior::Ball { centre, radius }) => {
+                Part::Prior(Prior::Ball { centre: moved(centre), radius: radius * self.radius })
+            }
+            Part::Prior(_) => return None,
+            Part::Quadric(q) => {
+                Part::Quadric(Quadric::new(moved(&q.centre), q.form / self.radius.powi(2))?)
+            }
+            Part::Plane(p) => Part::Plane(Plane {
+                normal: p.normal,
+                offset: p.offset * self.radius + p.normal.dot(&self.centre),
+            }),
+        })
+    }
+
+    fn body(&self, fit: &Fit) -> Option<Body> {
+        let placed = |parameters: &DVector<f64>| -> Option<Vec<Part>> {
+            self.parts(fit, parameters)?.iter().map(|part| self.placed(part)).collect()
+        };
+        let round = fit.round_parameters(self.dimension);
+        let mode = |j: usize| {
+            let moved = |by: f64| {
+                let mut parameters = fit.parameters.clone();
+                parameters[j] += by;
+                placed(&parameters)
+            };
+            let part = fit.part_of(self.dimension, j);
+            let (more, less) = (moved(NUDGE)?[part], moved(-NUDGE)?[part]);
+            let normal = j >= round && (j - round) % (self.dimension + 1) < self.dimension;
+            let deviation = if normal { DIRECTION } else { SHAPE };
+            Some(Mode { part, more, less, scale: deviation / (2.0 * NUDGE) })
+        };
+        let modes = (0..fit.parameters.len()).map(mode).collect::<Option<_>>()?;
+        let usual = self.start(fit.round).parameters;
+        let odd = (0..round).map(|i| ((fit.parameters[i] - usual[i]) / SHAPE).powi(2));
+        let oddity = 0.5 * odd.sum::<f64>();
+        // With the contacts' own weights; their normals have one number less than they have axes.
+        let exact = self.exact().climb(fit.clone(), TRIAL);
+        let measured =
+            self.felt.iter().map(|f| if f.normal.is_some() { self.dimension } else { 1 });
+        let planes = (fit.parameters.len() - round) / (self.dimension + 1);
+        let degrees = measured.sum::<usize>() as f64 - (round + self.dimension * planes) as f64;
+        let parts = placed(&fit.parameters)?;
+        Some(Body { parts, modes, oddity, chi_squared: exact.cost, degrees })
+    }
+
+    /// Standardised residuals: per contact the body's value, and the normal's difference from the
+    /// part that suits the contact best; then the pull to the ball.
+    fn residuals(&self, fit: &Fit, parameters: &DVector<f64>) -> Option<DVector<f64>> {
+        let parts = self.parts(fit, parameters)?;
+        let mut residuals = Vec::with_capacity(self.felt.len() * (self.dimension + 1) + 9);
+        for felt in &self.felt {
+            let (value, turn) = felt.weights;
+            let (mut most, mut own) = (f64::NEG_INFINITY, (f64::INFINITY, Point::zeros()));
+            for (v, gradient) in parts.iter().map(|part| part.at(&felt.point)) {
+                most = most.max(v);
+                let Some(n) = felt.normal else { continue };
+                let off = gradient - n;
+                let cost = (v * value).powi(2) + off.norm_squared() * turn * turn;
+                if cost < own.0 {
+                    own = (cost, off);
+                }
+            }
+            residuals.push(most * value);
+            if felt.normal.is_some() {
+                residuals.extend((0..self.dimension).map(|axis| own.1[axis] * turn));
+            }
+        }
+        let usual = self.start(fit.round).parameters;
+        residuals.extend(usual.iter().zip(parameters).map(|(u, p)| (p - u) / SHAPE));
+        Some(DVector::from_vec(residuals))
+    }
+
+    fn climb(&self, start: Fit, steps: usize) -> Fit {
+        let mut fit = start;
+        let Some(mut residuals) = self.residuals(&fit, &fit.parameters) else { return fit };
+        fit.cost = residuals.norm_squared();
+        let n = fit.parameters.len();
+        let mut damping = 1e-3;
+        for _ in 0..steps {
+            let mut jacobian = DMatrix::zeros(residuals.len(), n);
+            for j in 0..n {
+                let mut moved = fit.parameters.clone();
+                moved[j] += NUDGE;
+                let Some(there) = self.residuals(&fit, &moved) else { return fit };
+                jacobian.set_column(j, &((there - &residuals) / NUDGE));
+            }
+            let (square, slope) = (jacobian.tr_mul(&jacobian), jacobian.tr_mul(&residuals));
+            let mut better = None;
+            for _ in 0..6 {
+                let mut damped = square.clone();
+                for j in 0..n {
+                    damped[(j, j)] += damping * (1.0 + square[(j, j)]);
+                }
+                let tried = damped.cholesky().and_then(|factor| {
+                    let parameters = &fit.parameters - factor.solve(&slope);
+                    Some((self.residuals(&fit, &parameters)?, parameters))
+                });
+                if let Some((there, parameters)) = tried
+                    && there.norm_squared() < fit.cost
+                {
+                    damping = (0.1 * damping).max(1e-9);
+                    better = Some((there, parameters));
+                    break;
+                }
+                damping *= 10.0;
+            }
+            let Some((there, parameters)) = better else { break };
+            let gained = fit.cost - there.norm_squared();
+            (residuals, fit.parameters) = (there, parameters);
+            fit.cost = residuals.norm_squared();
+            if gained < 1e-3 {
+                break;
+            }
+        }
+        fit
+    }
+}

@@ -1,0 +1,151 @@
+use super::*;
+use crate::reference::{Faces, Gpis, Kernel, Training};
+use proptest::prelude::*;
+
+/// A can standing on z, 60 mm across and 100 mm high, felt all around and on both ends.
+fn can(noise: f64) -> Vec<Contact> {
+    let mut contacts = Vec::new();
+    let mut add = |point: Point, normal: Point| {
+        // Off along the normal by a fixed pattern.
+        let off = noise * (7.0 * contacts.len() as f64).sin();
+        contacts.push(Contact {
+            point: point + normal * off,
+            normal: Some(normal),
+            point_deviation: 1e-3,
+            normal_deviation: 0.05,
+        });
+    };
+    for i in 0..30 {
+        let (sin, cos) = (2.4 * f64::from(i)).sin_cos();
+        let z = -0.045 + 0.09 * f64::from(i) / 29.0;
+        add(Point::new(0.03 * cos, 0.03 * sin, z), Point::new(cos, sin, 0.0));
+    }
+    for i in 0..6 {
+        let (sin, cos) = (1.1 * f64::from(i)).sin_cos();
+        for end in [-1.0, 1.0] {
+            add(Point::new(0.02 * cos, 0.02 * sin, 0.05 * end), Point::z() * end);
+        }
+    }
+    contacts
+}
+
+fn ellipse(count: i32) -> Vec<Contact> {
+    (0..count)
+        .map(|i| (std::f64::consts::TAU * (f64::from(i) + 0.3) / f64::from(count)).sin_cos())
+        .map(|(sin, cos)| Contact {
+            point: Point::new(0.06 * cos, 0.03 * sin, 0.0),
+            normal: Some(Point::new(cos / 0.06, sin / 0.03, 0.0).normalize()),
+            point_deviation: 1e-3,
+            normal_deviation: 0.05,
+        })
+        .collect()
+}
+
+#[test]
+fn a_can_is_a_cylinder_between_two_planes() {
+    let contacts = can(5e-4);
+    let faces = Faces::fit(3, &contacts).unwrap();
+    let body = Body::cut(3, &contacts, &faces).unwrap();
+    assert_eq!(body.parts().len(), 3);
+    assert!(body.misfit() < 1.0, "{}", body.misfit());
+    for (p, distance) in [
+        (Point::new(0.035, 0.0, 0.02), 0.005),
+        (Point::new(0.0, -0.025, -0.03), -0.005),
+        (Point::new(0.0, 0.01, 0.056), 0.006),
+        (Point::new(0.01, 0.0, -0.048), -0.002),
+    ] {
+        assert!((body.value(&p) - distance).abs() < 1e-3, "{p:?}: {}", body.value(&p));
+    }
+    // No quadric alone explains it.
+    let quadric = Body::quadric(3, &contacts).unwrap();
+    assert!(quadric.misfit() > 4.0 * body.misfit());
+}
+
+#[test]
+fn an_ellipse_is_found_and_a_ball_stays_a_ball() {
+    let body = Body::quadric(2, &ellipse(12)).unwrap();
+    for i in 0..36 {
+        let (sin, cos) = (f64::from(i) * 10f64.to_radians()).sin_cos();
+        let p = Point::new(0.06 * cos, 0.03 * sin, 0.0);
+        assert!(body.value(&p).abs() < 5e-4, "{p:?}: {}", body.value(&p));
+        assert!((body.gradient(&p).norm() - 1.0).abs() < 1e-2);
+    }
+    assert!(body.misfit() < 0.5 && body.oddity() > 0.0);
+    let ball = Body::ball(2, &ellipse(12)).unwrap();
+    assert!(ball.misfit() > 10.0);
+    assert_eq!(ball.oddity(), 0.0);
+    assert_eq!(Body::quadric(2, &[]), None);
+}
+
+#[test]
+fn at_a_crease_the_normal_says_which_side_was_felt() {
+    let contacts = can(0.0);
+    let faces = Faces::fit(3, &contacts).unwrap();
+    let body = Body::cut(3, &contacts, &faces).unwrap();
+    // Half a deviation past the edge, as noise has it, and felt on the end.
+    let touch = |normal: Point| Contact {
+        point: Point::new(0.0305, 0.0, 0.0498),
+        normal: Some(normal),
+        ..contacts[0]
+    };
+    assert!(body.felt(&touch(Point::z())).z > 0.99);
+    assert!(body.felt(&touch(Point::x())).x > 0.99);
+}
+
+#[test]
+fn few_contacts_and_bad_ones_have_a_finite_answer() {
+    let one = &ellipse(12)[..1];
+    for contacts in [one.to_vec(), vec![one[0]; 4], ellipse(2)] {
+        for body in [Body::ball(2, &contacts), Body::quadric(2, &contacts)] {
+            let body = body.unwrap();
+            assert!(body.value(&Point::new(0.2, 0.1, 0.0)).is_finite());
+            assert!(body.modes(&Point::zeros()).iter().all(|m| m.0.is_finite()));
+            assert!(body.misfit().is_finite());
+        }
+    }
+    let flat: Vec<Contact> = can(0.0).into_iter().filter(|c| c.point.z > 0.049).collect();
+    let body = Body::quadric(3, &flat).unwrap();
+    assert!(body.value(&Point::new(0.0, 0.0, 0.3)).is_finite());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// Value and gradient of a body and of its modes belong together, away from creases.
+    #[test]
+    fn gradients_are_derivatives(x in -0.1f64..0.1, y in -0.1f64..0.1, z in -0.1f64..0.1) {
+        let contacts = can(5e-4);
+        let faces = Faces::fit(3, &contacts).unwrap();
+        let body = Body::cut(3, &contacts, &faces).unwrap();
+        let p = Point::new(x, y, z);
+        let h = 1e-6;
+        prop_assume!(x.hypot(y) > 0.005);
+        let part = body.active(&p).0;
+        for axis in 0..3 {
+            let mut step = Point::zeros();
+            step[axis] = h;
+            let (up, down) = (p + step, p - step);
+            prop_assume!(body.active(&up).0 == part && body.active(&down).0 == part);
+            let slope = (body.value(&up) - body.value(&down)) / (2.0 * h);
+            prop_assert!((slope - body.gradient(&p)[axis]).abs() < 1e-5);
+            let (up, down) = (body.modes(&up), body.modes(&down));
+            for ((up, down), mode) in up.iter().zip(&down).zip(body.modes(&p)) {
+                let slope = (up.0 - down.0) / (2.0 * h);
+                prop_assert!((slope - mode.1[axis]).abs() < 1e-3 * (1.0 + slope.abs()));
+            }
+        }
+    }
+}
+
+#[test]
+fn doubt_about_the_body_widens_the_band_away_from_contacts() {
+    let contacts: Vec<Contact> = ellipse(12).into_iter().filter(|c| c.point.x > 0.0).collect();
+    let body = Body::quadric(2, &contacts).unwrap();
+    let kernel = Kernel::Matern32 { amplitude: 1e-3, lengthscale: 0.08 };
+    let fit = Gpis::fit(2, kernel, body, Training::Derivative, &contacts).unwrap();
+    let ends = [Point::new(0.06, 0.0, 0.0), Point::new(-0.06, 0.0, 0.0)];
+    let variances = fit.variances(&ends);
+    assert!(variances[0].sqrt() < 1e-3, "{}", variances[0].sqrt());
+    // The kernel alone would claim a millimetre.
+    assert!(variances[1].sqrt() > 3e-3, "{}", variances[1].sqrt());
+}

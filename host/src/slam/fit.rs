@@ -1,0 +1,126 @@
+//! The Gaussian process that suits the contacts: what it is about, and its hyper-parameters.
+
+use rayon::prelude::*;
+
+use crate::reference::body::Body;
+use crate::reference::gpis::Error as SurfaceError;
+use crate::reference::hyper::{Belief, Found, Search};
+use crate::reference::{Contact, Faces, Gpis, Kernel, Prior, Training};
+use crate::shape::polytope::intersect;
+use crate::slam::choose::farthest;
+use crate::slam::free::{Free, open};
+use crate::slam::reconstruct::Error;
+
+/// Contacts that decide the hyper-parameters at most, and what the process is about; the fit itself
+/// uses all.
+const DECIDING: usize = 150;
+const JUDGING: usize = 60;
+
+/// χ² per degree of freedom up to which a body explains the contacts by itself, and how many of its
+/// own deviations above 1 where there are so few contacts that this is more.
+const MISFIT: f64 = 1.4;
+const MISFIT_DEVIATIONS: f64 = 2.0;
+
+/// Nats per contact by which a body that does not explain the contacts by itself must still beat the
+/// ball. The likelihood takes what a body leaves for a stationary process; the edges and ends that
+/// it leaves in truth are none, and a few nats then say nothing about what lies between the contacts.
+const GAIN: f64 = 1.0;
+
+/// Faces close when they reach no further from the contacts' centre than this many times the
+/// farthest contact.
+const REACH: f64 = 2.0;
+
+/// What is left about a body that fits: a tenth of the ball's amplitude more often than not.
+const RESIDUAL: Belief = Belief { mode: 0.1, deviation: 1.0, bounds: (0.005, 10.0) };
+
+/// A candidate with its hyper-parameters.
+struct Candidate {
+    body: Body,
+    search: Search,
+    found: Found,
+    /// Log probability of the contacts and the parameters.
+    evidence: f64,
+}
+
+/// The Matérn-3/2 surface that explains the contacts best: about a ball, about another quadric or
+/// one cut by flat faces, or about the polytope of the faces ([`Body`]), with the amplitude, the
+/// lengthscale and the factor on the contacts' noise that the contacts, and what suits most objects,
+/// make most plausible. `free` are points outside the object (fingertips that touched nothing).
+///
+/// The ball is left only for a body that explains the contacts to their noise, or by a clear margin
+/// better.
+///
+/// # Errors
+/// Without contacts, or when they are too many or too coincident for a dense surface.
+pub fn fit(dimension: usize, contacts: &[Contact], free: &[Free]) -> Result<(Kernel, Gpis), Error> {
+    let Some(Prior::Ball { radius, .. }) = Prior::fitted(contacts) else {
+        return Err(Error::NoContacts);
+    };
+    let judging = spread(contacts, JUDGING);
+    let candidates: Vec<Result<Candidate, SurfaceError>> = bodies(dimension, contacts)
+        .into_par_iter()
+        .map(|(body, search)| Candidate::new(dimension, &judging, radius, body, search))
+        .collect();
+    let mut candidates = candidates.into_iter();
+    let mut best = candidates.next().unwrap_or(Err(SurfaceError::Dimension(dimension)))?;
+    let (ball, price) = (best.evidence, GAIN * judging.len() as f64);
+    for candidate in candidates.flatten() {
+        let enough = if candidate.body.misfit() < tolerance(&candidate.body) { 0.0 } else { price };
+        if candidate.evidence > best.evidence.max(ball + enough) {
+            best = candidate;
+        }
+    }
+    if contacts.len() > JUDGING {
+        let deciding = spread(contacts, DECIDING);
+        best = Candidate::new(dimension, &deciding, radius, best.body, best.search)?;
+    }
+    let Found { kernel, noise, .. } = best.found;
+    let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(noise)).collect();
+    Ok((kernel, open(dimension, kernel, best.body, &contacts, free)?))
+}
+
+/// Up to `most` contacts, evenly through the list.
+fn spread(contacts: &[Contact], most: usize) -> Vec<Contact> {
+    let stride = contacts.len().div_ceil(most).max(1);
+    contacts.iter().step_by(stride).copied().collect()
+}
+
+/// What the process may be about, the ball first, with what is believed of the rest.
+fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
+    let residual = Search { amplitude: RESIDUAL, ..Search::default() };
+    let faces = Faces::fit(dimension, contacts);
+    let closed = faces.as_ref().filter(|faces| {
+        let (centre, farthest) = farthest(contacts);
+        intersect(faces, &centre, REACH * farthest).is_some()
+    });
+    let others = [
+        Body::quadric(dimension, contacts),
+        faces.as_ref().and_then(|faces| Body::cut(dimension, contacts, faces)),
+        closed.and_then(|faces| Body::polytope(dimension, contacts, faces)),
+    ];
+    let ball = Body::ball(dimension, contacts).map(|body| (body, Search::default()));
+    let others = others.into_iter().flatten().map(|body| (body, residual));
+    ball.into_iter().chain(others).collect()
+}
+
+/// χ² per degree of freedom that a body of the right kind rarely exceeds.
+fn tolerance(body: &Body) -> f64 {
+    MISFIT.max(1.0 + MISFIT_DEVIATIONS * (2.0 / body.degrees().max(1.0)).sqrt())
+}
+
+impl Candidate {
+    fn new(
+        dimension: usize,
+        contacts: &[Contact],
+        radius: f64,
+        body: Body,
+        search: Search,
+    ) -> Result<Candidate, SurfaceError> {
+        // The search replaces both numbers of the family.
+        let family = Kernel::Matern32 { amplitude: radius, lengthscale: radius };
+        let mean = body.clone();
+        let found = search.run(dimension, family, mean, Training::Derivative, contacts, radius)?;
+        let evidence = found.log_posterior - body.oddity();
+        Ok(Candidate { body, search, found, evidence })
+    }
+}
