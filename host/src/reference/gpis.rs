@@ -1,11 +1,10 @@
 //! Gaussian-process implicit surface over a dense covariance matrix: thesis 2.2.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 use rayon::prelude::*;
 
-use super::cholesky::Cholesky;
-use super::kernel::Radial;
 use super::{Contact, Kernel, Prior};
+use crate::dense::{Cholesky, Functional, Sites, expansion};
 use crate::shape::Field;
 use crate::space::Point;
 
@@ -90,14 +89,6 @@ pub(super) struct Observation {
     pub(super) variance: f64,
 }
 
-/// All rows at one point, as the mean needs them: one kernel evaluation serves them all.
-#[derive(Clone, Copy, Debug)]
-struct Site {
-    point: Point,
-    value: f64,
-    slopes: Point,
-}
-
 /// Everything the surface knows at one point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evaluation {
@@ -118,18 +109,20 @@ pub struct Gpis {
     pub(super) kernel: Kernel,
     prior: Prior,
     pub(super) observations: Vec<Observation>,
-    sites: Vec<Site>,
+    pub(super) sites: Sites,
+    /// K⁻¹ y, site by site.
+    weighted: Vec<Functional>,
     /// Where the contacts are.
     touched: Vec<Point>,
     pub(super) cholesky: Cholesky,
     log_marginal_likelihood: f64,
 }
 
-/// Query points handled by one task.
-const BLOCK: usize = 128;
+/// Query points handled by one task: a whole number of the panels that are solved together.
+const BLOCK: usize = 96;
 
 impl Gpis {
-    /// Largest number of rows: 288 MB of matrix. A contact takes 1 + dimension of them.
+    /// Largest number of rows: 144 MB of matrix. A contact takes 1 + dimension of them.
     pub const MOST_ROWS: usize = 6000;
 
     /// Least length of the gradient when a value is turned into a distance for
@@ -165,14 +158,12 @@ impl Gpis {
             }
         }
 
-        let mut matrix = DMatrix::zeros(n, n);
-        for (j, b) in observations.iter().enumerate() {
-            for (i, a) in observations.iter().enumerate().skip(j) {
-                matrix[(i, j)] = covariance(&kernel, (a.point, a.part), (b.point, b.part));
-            }
-            matrix[(j, j)] += b.variance;
+        let sites = sites(&observations);
+        let mut matrix = sites.covariance(&kernel);
+        for (i, o) in observations.iter().enumerate() {
+            *matrix.at(i, i) += o.variance;
         }
-        let cholesky = Cholesky::new(matrix).map_err(|row| Error::NotPositiveDefinite {
+        let cholesky = Cholesky::of(matrix).map_err(|row| Error::NotPositiveDefinite {
             row,
             contact: observations[row].contact,
         })?;
@@ -185,24 +176,11 @@ impl Gpis {
                 + cholesky.log_determinant()
                 + n as f64 * std::f64::consts::TAU.ln());
 
-        let mut sites: Vec<Site> = Vec::new();
-        for (o, &weight) in observations.iter().zip(&weights) {
-            match o.part {
-                Part::Value => {
-                    sites.push(Site { point: o.point, value: weight, slopes: Point::zeros() });
-                }
-                // Slopes follow the value at the same point.
-                Part::Slope(axis) => {
-                    if let Some(site) = sites.last_mut() {
-                        site.slopes[axis] = weight;
-                    }
-                }
-            }
-        }
         Ok(Gpis {
             dimension,
             kernel,
             prior,
+            weighted: sites.weighted(weights.as_slice()),
             observations,
             sites,
             touched: contacts.iter().map(|c| c.point).collect(),
@@ -234,12 +212,33 @@ impl Gpis {
 
     /// Posterior mean (2.13 as corrected) at each point, metres.
     pub fn means(&self, points: &[Point]) -> Vec<f64> {
-        points.par_iter().with_min_len(BLOCK).map(|p| self.mean(p)).collect()
+        let block = |points: &[Point]| -> Vec<f64> {
+            let points: Vec<Point> = points.iter().map(|p| self.flat(p)).collect();
+            let mut sums = expansion::values(&self.kernel, &self.weighted, &points);
+            sums.iter_mut().zip(&points).for_each(|(sum, p)| *sum += self.prior.value(p));
+            sums
+        };
+        points.par_chunks(BLOCK).flat_map_iter(block).collect()
     }
 
     /// Gradient of the posterior mean at each point.
     pub fn gradients(&self, points: &[Point]) -> Vec<Point> {
-        points.par_iter().with_min_len(BLOCK).map(|p| self.gradient(p)).collect()
+        self.means_and_gradients(points).into_iter().map(|(_, gradient)| gradient).collect()
+    }
+
+    /// Posterior mean, metres, and its gradient at each point: little dearer than the mean alone.
+    pub fn means_and_gradients(&self, points: &[Point]) -> Vec<(f64, Point)> {
+        let block = |points: &[Point]| -> Vec<(f64, Point)> {
+            let points: Vec<Point> = points.iter().map(|p| self.flat(p)).collect();
+            let (values, gradients) = expansion::gradients(&self.kernel, &self.weighted, &points);
+            let sums = values.into_iter().zip(gradients).zip(&points);
+            sums.map(|((value, gradient), p)| {
+                let gradient = self.flat(&(gradient + self.prior.gradient(p)));
+                (value + self.prior.value(p), gradient)
+            })
+            .collect()
+        };
+        points.par_chunks(BLOCK).flat_map_iter(block).collect()
     }
 
     /// Posterior variance of the value (2.14) at each point, m². Rounding below zero gives zero.
@@ -259,7 +258,7 @@ impl Gpis {
 
     /// Everything at each point.
     pub fn evaluate(&self, points: &[Point]) -> Vec<Evaluation> {
-        let means = self.means(points).into_iter().zip(self.gradients(points));
+        let means = self.means_and_gradients(points).into_iter();
         let variances = self.variances(points).into_iter().zip(self.gradient_variances(points));
         means
             .zip(variances)
@@ -272,38 +271,26 @@ impl Gpis {
             .collect()
     }
 
-    fn mean(&self, p: &Point) -> f64 {
-        let p = self.flat(p);
-        let mut sum = self.prior.value(&p);
-        for site in &self.sites {
-            let e = p - site.point;
-            let k = self.kernel.radial(e.norm());
-            sum += k.value * site.value - k.slope * e.dot(&site.slopes);
-        }
-        sum
-    }
-
-    fn gradient(&self, p: &Point) -> Point {
-        let p = self.flat(p);
-        let mut sum = self.prior.gradient(&p);
-        for site in &self.sites {
-            let e = p - site.point;
-            let k = self.kernel.radial(e.norm());
-            let along = k.slope * site.value - k.bend * e.dot(&site.slopes);
-            sum += e * along - site.slopes * k.slope;
-        }
-        self.flat(&sum)
-    }
-
     fn posterior_variances(&self, points: &[Point], part: Part) -> Vec<f64> {
+        let prior = match part {
+            Part::Value => self.kernel.radial(0.0).value,
+            Part::Slope(_) => -self.kernel.radial(0.0).slope,
+        };
         let block = |points: &[Point]| -> Vec<f64> {
-            let mut cross = DMatrix::from_fn(self.rows(), points.len(), |i, j| {
-                let o = &self.observations[i];
-                covariance(&self.kernel, (o.point, o.part), (self.flat(&points[j]), part))
-            });
-            self.cholesky.forward(&mut cross);
-            let prior = covariance(&self.kernel, (Point::zeros(), part), (Point::zeros(), part));
-            cross.column_iter().map(|c| (prior - c.norm_squared()).max(0.0)).collect()
+            let of: Vec<Functional> = points
+                .iter()
+                .map(|p| {
+                    let mut asked =
+                        Functional { point: self.flat(p), value: 0.0, slopes: Point::zeros() };
+                    match part {
+                        Part::Value => asked.value = 1.0,
+                        Part::Slope(axis) => asked.slopes[axis] = 1.0,
+                    }
+                    asked
+                })
+                .collect();
+            let explained = self.cholesky.explained(&self.sites, &self.kernel, &of);
+            explained.into_iter().map(|e| (prior - e).max(0.0)).collect()
         };
         points.par_chunks(BLOCK).flat_map_iter(block).collect()
     }
@@ -371,22 +358,17 @@ fn observe(
     Ok(rows)
 }
 
-/// Covariance of two parts of the field before data and without noise.
-fn covariance(kernel: &Kernel, a: (Point, Part), b: (Point, Part)) -> f64 {
-    let e = a.0 - b.0;
-    between(&kernel.radial(e.norm()), &e, a.1, b.1)
-}
-
-/// Covariance of part `a` of the field at x with part `b` at y, given e = x − y and k(|e|).
-pub(super) fn between(k: &Radial, e: &Point, a: Part, b: Part) -> f64 {
-    match (a, b) {
-        (Part::Value, Part::Value) => k.value,
-        (Part::Slope(i), Part::Value) => k.slope * e[i],
-        (Part::Value, Part::Slope(j)) => -k.slope * e[j],
-        (Part::Slope(i), Part::Slope(j)) => {
-            -(k.bend * e[i] * e[j] + if i == j { k.slope } else { 0.0 })
-        }
+/// Where the rows are and what of the field they are.
+fn sites(observations: &[Observation]) -> Sites {
+    let mut sites = Sites::default();
+    for o in observations {
+        let axis = match o.part {
+            Part::Value => None,
+            Part::Slope(axis) => Some(axis),
+        };
+        sites.push(o.point, axis);
     }
+    sites
 }
 
 /// Largest distance between two training points, metres.

@@ -6,7 +6,7 @@
 
 use nalgebra::{DVector, Matrix3, Vector3};
 
-use super::gpis::{Error, between};
+use super::gpis::Error;
 use super::{Contact, Gpis, Kernel, Prior, Training};
 
 /// Gradient of the log marginal likelihood, nats per unit of each parameter's logarithm.
@@ -27,26 +27,18 @@ impl Gpis {
         let rows = &self.observations;
         let targets = DVector::from_iterator(rows.len(), rows.iter().map(|o| o.target));
         let weights = self.cholesky.solve(&targets);
-        let inverse = self.cholesky.inverse();
+        let inverse = self.cholesky.inverse_lower();
         // Amplitude and noise scale one summand of K = S + N each, so their traces collapse.
         let mut noise = 0.0;
         for (i, o) in rows.iter().enumerate() {
-            noise += o.variance * (weights[i] * weights[i] - inverse[(i, i)]);
+            noise += o.variance * (weights[i] * weights[i] - inverse.get(i, i));
         }
         let amplitude = targets.dot(&weights) - rows.len() as f64 - noise;
-        let mut sum = 0.0;
-        for (j, b) in rows.iter().enumerate() {
-            for (i, a) in rows.iter().enumerate().skip(j) {
-                let e = a.point - b.point;
-                let Some(k) = self.kernel.radial_by_log_lengthscale(e.norm()) else {
-                    return Slopes { amplitude, lengthscale: None, noise };
-                };
-                let twice = if i == j { 0.5 } else { 1.0 };
-                let gain = weights[i] * weights[j] - inverse[(i, j)];
-                sum += twice * gain * between(&k, &e, a.part, b.part);
-            }
-        }
-        Slopes { amplitude, lengthscale: Some(sum), noise }
+        let lengthscale = self
+            .sites
+            .covariance_by_log_lengthscale(&self.kernel)
+            .map(|change| 0.5 * change.contract(weights.as_slice(), &inverse));
+        Slopes { amplitude, lengthscale, noise }
     }
 }
 
@@ -292,6 +284,7 @@ impl Hill<'_> {
                 Kernel::SquaredExponential { amplitude, lengthscale }
             }
             Kernel::Matern32 { .. } => Kernel::Matern32 { amplitude, lengthscale },
+            Kernel::Matern52 { .. } => Kernel::Matern52 { amplitude, lengthscale },
             Kernel::ThinPlate { range, .. } => Kernel::ThinPlate { amplitude, range },
         };
         let contacts: Vec<Contact> = self.contacts.iter().map(|c| c.with_noise(noise)).collect();

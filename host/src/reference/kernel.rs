@@ -20,6 +20,13 @@ pub enum Kernel {
         /// ℓ, metres.
         lengthscale: f64,
     },
+    /// s² (1 + u + u²/3) e⁻ᵘ with u = √5 d/ℓ.
+    Matern52 {
+        /// s, metres.
+        amplitude: f64,
+        /// ℓ, metres.
+        lengthscale: f64,
+    },
     /// s² (2d³ − 3Rd² + R³)/R³, thesis 2.17 with R a constant of the model. It is a covariance
     /// only among points well within R of each other: R must be at least
     /// [`Kernel::LEAST_RANGE`] times the diameter of data and queries together.
@@ -68,6 +75,16 @@ impl Kernel {
                     bend: c * c * c * decay * over_distance,
                 }
             }
+            Kernel::Matern52 { amplitude, lengthscale } => {
+                let c = 5f64.sqrt() / lengthscale;
+                let u = c * d;
+                let decay = amplitude * amplitude * (-u).exp();
+                Radial {
+                    value: (1.0 + u + u * u / 3.0) * decay,
+                    slope: -c * c / 3.0 * (1.0 + u) * decay,
+                    bend: c.powi(4) / 3.0 * decay,
+                }
+            }
             Kernel::ThinPlate { amplitude, range } => {
                 let scale = amplitude * amplitude / range.powi(3);
                 Radial {
@@ -105,6 +122,16 @@ impl Kernel {
                     bend: c * c * c * (u - 3.0) * decay * over_distance,
                 })
             }
+            Kernel::Matern52 { amplitude, lengthscale } => {
+                let c = 5f64.sqrt() / lengthscale;
+                let u = c * d;
+                let decay = amplitude * amplitude * (-u).exp();
+                Some(Radial {
+                    value: u * u * (1.0 + u) / 3.0 * decay,
+                    slope: c * c / 3.0 * (2.0 + 2.0 * u - u * u) * decay,
+                    bend: c.powi(4) / 3.0 * (u - 4.0) * decay,
+                })
+            }
             Kernel::ThinPlate { .. } => None,
         }
     }
@@ -116,7 +143,8 @@ impl Kernel {
     pub fn check(&self) -> Result<(), Error> {
         let (amplitude, (name, length)) = match *self {
             Kernel::SquaredExponential { amplitude, lengthscale }
-            | Kernel::Matern32 { amplitude, lengthscale } => {
+            | Kernel::Matern32 { amplitude, lengthscale }
+            | Kernel::Matern52 { amplitude, lengthscale } => {
                 (amplitude, ("lengthscale", lengthscale))
             }
             Kernel::ThinPlate { amplitude, range } => (amplitude, ("range", range)),
