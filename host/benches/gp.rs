@@ -86,6 +86,11 @@ impl Field for Regression {
         expansion::values(&KERNEL, &self.weighted, points)
     }
 
+    fn first_order(&self, points: &[Point], _step: f64) -> Vec<(f64, Point)> {
+        let (values, gradients) = expansion::gradients(&KERNEL, &self.weighted, points);
+        values.into_iter().zip(gradients).collect()
+    }
+
     fn deviations(&self, points: &[Point]) -> Vec<f64> {
         let (_, slopes) = expansion::gradients(&KERNEL, &self.weighted, points);
         let deviations = self.variances(points).into_iter().map(f64::sqrt);
@@ -123,6 +128,14 @@ fn variances(bencher: Bencher, rows: usize) {
 
 #[divan::bench(args = ROWS, sample_count = 10)]
 fn mesh(bencher: Bencher, rows: usize) {
+    let model = Regression::of(rows);
+    let corner = Point::from([1.0; 3]);
+    let spacing = 2.0 / (RESOLUTION - 1) as f64;
+    bencher.bench(|| surface::mesh(&model, (-corner, corner), spacing).expect("a lattice"));
+}
+
+#[divan::bench(args = ROWS, sample_count = 10)]
+fn mesh_with_deviations(bencher: Bencher, rows: usize) {
     let model = Regression::of(rows);
     let corner = Point::from([1.0; 3]);
     let spacing = 2.0 / (RESOLUTION - 1) as f64;

@@ -18,8 +18,6 @@ pub(super) trait Simd: Copy {
     fn load(self, from: &[f64]) -> Self::Vector;
     /// Into the first places of a slice, which must be long enough.
     fn store(self, v: Self::Vector, to: &mut [f64]);
-    /// a + b.
-    fn add(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
     /// a − b.
     fn sub(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
     /// a·b.
@@ -116,11 +114,6 @@ impl Simd for Portable {
     #[inline(always)]
     fn store(self, v: [f64; 2], to: &mut [f64]) {
         to[..2].copy_from_slice(&v);
-    }
-
-    #[inline(always)]
-    fn add(self, a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
-        [a[0] + b[0], a[1] + b[1]]
     }
 
     #[inline(always)]
@@ -221,11 +214,6 @@ mod x86 {
         }
 
         #[inline(always)]
-        fn add(self, a: __m512d, b: __m512d) -> __m512d {
-            unsafe { _mm512_add_pd(a, b) }
-        }
-
-        #[inline(always)]
         fn sub(self, a: __m512d, b: __m512d) -> __m512d {
             unsafe { _mm512_sub_pd(a, b) }
         }
@@ -297,11 +285,6 @@ mod x86 {
         fn store(self, v: __m256d, to: &mut [f64]) {
             let to = &mut to[..4];
             unsafe { _mm256_storeu_pd(to.as_mut_ptr(), v) }
-        }
-
-        #[inline(always)]
-        fn add(self, a: __m256d, b: __m256d) -> __m256d {
-            unsafe { _mm256_add_pd(a, b) }
         }
 
         #[inline(always)]

@@ -306,6 +306,10 @@ impl Field for Gpis {
         self.means(points)
     }
 
+    fn first_order(&self, points: &[Point], _step: f64) -> Vec<(f64, Point)> {
+        self.means_and_gradients(points)
+    }
+
     fn deviations(&self, points: &[Point]) -> Vec<f64> {
         let slopes = self.gradients(points).into_iter().map(|g| g.norm().max(Self::LEAST_GRADIENT));
         self.variances(points).into_iter().zip(slopes).map(|(v, slope)| v.sqrt() / slope).collect()
