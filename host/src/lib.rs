@@ -10,6 +10,7 @@
 //! world.
 
 pub mod cli;
+pub mod dense;
 pub mod experiment;
 pub mod link;
 pub mod log;

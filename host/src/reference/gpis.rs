@@ -5,11 +5,11 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::cholesky::Cholesky;
 use super::kernel::Radial;
 use super::mean::Local;
 use super::spheres::Normalisation;
 use super::{Contact, Kernel, Mean, Spheres};
+use crate::dense::{Cholesky, Functional, Sites, expansion};
 use crate::shape::Field;
 use crate::space::Point;
 
@@ -122,14 +122,6 @@ pub(super) struct Observation {
     pub(super) variance: f64,
 }
 
-/// All rows at one point, as the mean needs them: one kernel evaluation serves them all.
-#[derive(Clone, Copy, Debug)]
-struct Site {
-    point: Point,
-    value: f64,
-    slopes: Point,
-}
-
 /// Everything the surface knows at one point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evaluation {
@@ -150,7 +142,9 @@ pub struct Gpis {
     pub(super) kernel: Kernel,
     prior: Arc<dyn Mean>,
     pub(super) observations: Vec<Observation>,
-    sites: Vec<Site>,
+    pub(super) sites: Sites,
+    /// K⁻¹ y, site by site.
+    weighted: Vec<Functional>,
     /// The mean's modes at the rows of the covariance matrix, one a column.
     pub(super) modes: DMatrix<f64>,
     /// What the contacts make of each mode, in its standard deviations.
@@ -161,11 +155,11 @@ pub struct Gpis {
     log_marginal_likelihood: f64,
 }
 
-/// Query points handled by one task.
-const BLOCK: usize = 128;
+/// Query points handled by one task: a whole number of the panels that are solved together.
+const BLOCK: usize = 96;
 
 impl Gpis {
-    /// Largest number of rows: 288 MB of matrix. A contact takes 1 + dimension of them.
+    /// Largest number of rows: 144 MB of matrix. A contact takes 1 + dimension of them.
     pub const MOST_ROWS: usize = 6000;
 
     /// Least length of the gradient when a value is turned into a distance for
@@ -233,18 +227,21 @@ impl Gpis {
             }
         }
 
-        let mut matrix = DMatrix::zeros(n, n);
-        for (j, b) in observations.iter().enumerate() {
-            for (i, a) in observations.iter().enumerate().skip(j) {
-                matrix[(i, j)] = covariance(&kernel, (a.point, a.part), (b.point, b.part));
-            }
-            matrix[(j, j)] += b.variance;
+        let sites = sites(&observations);
+        let mut matrix = sites.covariance(&kernel);
+        for (i, o) in observations.iter().enumerate() {
+            *matrix.at(i, i) += o.variance;
         }
         let modes = DMatrix::from_row_iterator(n, felt.len().checked_div(n).unwrap_or(0), felt);
         if modes.ncols() > 0 {
-            matrix.gemm(1.0, &modes, &modes.transpose(), 1.0);
+            let rows = modes.transpose();
+            for j in 0..n {
+                for i in j..n {
+                    *matrix.at(i, j) += rows.column(i).dot(&rows.column(j));
+                }
+            }
         }
-        let cholesky = Cholesky::new(matrix).map_err(|row| Error::NotPositiveDefinite {
+        let cholesky = Cholesky::of(matrix).map_err(|row| Error::NotPositiveDefinite {
             row,
             contact: observations[row].contact,
         })?;
@@ -257,24 +254,11 @@ impl Gpis {
                 + cholesky.log_determinant()
                 + n as f64 * std::f64::consts::TAU.ln());
 
-        let mut sites: Vec<Site> = Vec::new();
-        for (o, &weight) in observations.iter().zip(&weights) {
-            match o.part {
-                Part::Value => {
-                    sites.push(Site { point: o.point, value: weight, slopes: Point::zeros() });
-                }
-                // Slopes follow the value at the same point.
-                Part::Slope(axis) => {
-                    if let Some(site) = sites.last_mut() {
-                        site.slopes[axis] = weight;
-                    }
-                }
-            }
-        }
         Ok(Gpis {
             dimension,
             kernel,
             prior,
+            weighted: sites.weighted(weights.as_slice()),
             observations,
             sites,
             shifts: modes.tr_mul(&weights),
@@ -308,12 +292,35 @@ impl Gpis {
 
     /// Posterior mean (2.13 as corrected) at each point, metres.
     pub fn means(&self, points: &[Point]) -> Vec<f64> {
-        points.par_iter().with_min_len(BLOCK).map(|p| self.mean(p)).collect()
+        let block = |points: &[Point]| -> Vec<f64> {
+            let points: Vec<Point> = points.iter().map(|p| self.flat(p)).collect();
+            let mut sums = expansion::values(&self.kernel, &self.weighted, &points);
+            let own = |p: &Point| self.prior.value(p) + self.shift(p).0;
+            sums.iter_mut().zip(&points).for_each(|(sum, p)| *sum += own(p));
+            sums
+        };
+        points.par_chunks(BLOCK).flat_map_iter(block).collect()
     }
 
     /// Gradient of the posterior mean at each point.
     pub fn gradients(&self, points: &[Point]) -> Vec<Point> {
-        points.par_iter().with_min_len(BLOCK).map(|p| self.gradient(p)).collect()
+        self.means_and_gradients(points).into_iter().map(|(_, gradient)| gradient).collect()
+    }
+
+    /// Posterior mean, metres, and its gradient at each point: little dearer than the mean alone.
+    pub fn means_and_gradients(&self, points: &[Point]) -> Vec<(f64, Point)> {
+        let block = |points: &[Point]| -> Vec<(f64, Point)> {
+            let points: Vec<Point> = points.iter().map(|p| self.flat(p)).collect();
+            let (values, gradients) = expansion::gradients(&self.kernel, &self.weighted, &points);
+            let sums = values.into_iter().zip(gradients).zip(&points);
+            sums.map(|((value, gradient), p)| {
+                let (shift, turn) = self.shift(p);
+                let gradient = self.flat(&(gradient + self.prior.gradient(p) + turn));
+                (value + self.prior.value(p) + shift, gradient)
+            })
+            .collect()
+        };
+        points.par_chunks(BLOCK).flat_map_iter(block).collect()
     }
 
     /// Posterior variance of the value (2.14) at each point, m². Rounding below zero gives zero.
@@ -356,7 +363,7 @@ impl Gpis {
 
     /// Everything at each point.
     pub fn evaluate(&self, points: &[Point]) -> Vec<Evaluation> {
-        let means = self.means(points).into_iter().zip(self.gradients(points));
+        let means = self.means_and_gradients(points).into_iter();
         let variances = self.variances(points).into_iter().zip(self.gradient_variances(points));
         means
             .zip(variances)
@@ -369,29 +376,6 @@ impl Gpis {
             .collect()
     }
 
-    fn mean(&self, p: &Point) -> f64 {
-        let p = self.flat(p);
-        let mut sum = self.prior.value(&p);
-        for site in &self.sites {
-            let e = p - site.point;
-            let k = self.kernel.radial(e.norm());
-            sum += k.value * site.value - k.slope * e.dot(&site.slopes);
-        }
-        sum + self.shift(&p).0
-    }
-
-    fn gradient(&self, p: &Point) -> Point {
-        let p = self.flat(p);
-        let mut sum = self.prior.gradient(&p);
-        for site in &self.sites {
-            let e = p - site.point;
-            let k = self.kernel.radial(e.norm());
-            let along = k.slope * site.value - k.bend * e.dot(&site.slopes);
-            sum += e * along - site.slopes * k.slope;
-        }
-        self.flat(&(sum + self.shift(&p).1))
-    }
-
     /// How the contacts have changed the prior mean's own value and gradient at `p`.
     fn shift(&self, p: &Point) -> Local {
         if self.shifts.is_empty() {
@@ -402,36 +386,43 @@ impl Gpis {
             .fold((0.0, Point::zeros()), |sum, (mode, z)| (sum.0 + mode.0 * z, sum.1 + mode.1 * *z))
     }
 
+    /// The prior mean's modes as functionals see them, one functional a column.
+    fn modes_at(&self, of: &[Functional]) -> DMatrix<f64> {
+        if self.shifts.is_empty() {
+            return DMatrix::zeros(0, of.len());
+        }
+        let seen = |f: &Functional| {
+            let (value, slopes) = (f.value, f.slopes);
+            let modes = self.prior.modes(&f.point).into_iter();
+            modes.map(move |mode| value * mode.0 + slopes.dot(&mode.1))
+        };
+        let seen: Vec<f64> = of.iter().flat_map(seen).collect();
+        DMatrix::from_vec(self.shifts.len(), of.len(), seen)
+    }
+
     fn posterior_variances(&self, points: &[Point], part: Part) -> Vec<f64> {
+        let prior = match part {
+            Part::Value => self.kernel.radial(0.0).value,
+            Part::Slope(_) => -self.kernel.radial(0.0).slope,
+        };
         let block = |points: &[Point]| -> Vec<f64> {
-            let mut cross = DMatrix::from_fn(self.rows(), points.len(), |i, j| {
-                let o = &self.observations[i];
-                covariance(&self.kernel, (o.point, o.part), (self.flat(&points[j]), part))
-            });
-            let prior = covariance(&self.kernel, (Point::zeros(), part), (Point::zeros(), part));
-            let mut priors = vec![prior; points.len()];
-            if !self.shifts.is_empty() {
-                let modes: Vec<f64> = points
-                    .iter()
-                    .flat_map(|p| self.prior.modes(&self.flat(p)))
-                    .map(|mode| match part {
-                        Part::Value => mode.0,
-                        Part::Slope(axis) => mode.1[axis],
-                    })
-                    .collect();
-                let modes = DMatrix::from_vec(self.shifts.len(), points.len(), modes);
-                cross.gemm(1.0, &self.modes, &modes, 1.0);
-                priors
-                    .iter_mut()
-                    .zip(modes.column_iter())
-                    .for_each(|(v, m)| *v += m.norm_squared());
-            }
-            self.cholesky.forward(&mut cross);
-            let left = |(c, prior): (_, f64)| {
-                let c: nalgebra::DVectorView<'_, f64> = c;
-                (prior - c.norm_squared()).max(0.0)
-            };
-            cross.column_iter().zip(priors).map(left).collect()
+            let of: Vec<Functional> = points
+                .iter()
+                .map(|p| {
+                    let mut asked =
+                        Functional { point: self.flat(p), value: 0.0, slopes: Point::zeros() };
+                    match part {
+                        Part::Value => asked.value = 1.0,
+                        Part::Slope(axis) => asked.slopes[axis] = 1.0,
+                    }
+                    asked
+                })
+                .collect();
+            let modes = self.modes_at(&of);
+            let shared = (&self.modes, &modes);
+            let explained = self.cholesky.explained(&self.sites, &self.kernel, &of, shared);
+            let own = modes.column_iter().map(|m| prior + m.norm_squared());
+            explained.into_iter().zip(own).map(|(e, own)| (own - e).max(0.0)).collect()
         };
         points.par_chunks(BLOCK).flat_map_iter(block).collect()
     }
@@ -445,6 +436,10 @@ impl Gpis {
 impl Field for Gpis {
     fn values(&self, points: &[Point]) -> Vec<f64> {
         self.means(points)
+    }
+
+    fn first_order(&self, points: &[Point], _step: f64) -> Vec<(f64, Point)> {
+        self.means_and_gradients(points)
     }
 
     fn deviations(&self, points: &[Point]) -> Vec<f64> {
@@ -535,22 +530,17 @@ fn observe(
     Ok((rows, felt))
 }
 
-/// Covariance of two parts of the field before data and without noise.
-fn covariance(kernel: &Kernel, a: (Point, Part), b: (Point, Part)) -> f64 {
-    let e = a.0 - b.0;
-    between(&kernel.radial(e.norm()), &e, a.1, b.1)
-}
-
-/// Covariance of part `a` of the field at x with part `b` at y, given e = x − y and k(|e|).
-pub(super) fn between(k: &Radial, e: &Point, a: Part, b: Part) -> f64 {
-    match (a, b) {
-        (Part::Value, Part::Value) => k.value,
-        (Part::Slope(i), Part::Value) => k.slope * e[i],
-        (Part::Value, Part::Slope(j)) => -k.slope * e[j],
-        (Part::Slope(i), Part::Slope(j)) => {
-            -(k.bend * e[i] * e[j] + if i == j { k.slope } else { 0.0 })
-        }
+/// Where the rows are and what of the field they are.
+fn sites(observations: &[Observation]) -> Sites {
+    let mut sites = Sites::default();
+    for o in observations {
+        let axis = match o.part {
+            Part::Value => None,
+            Part::Slope(axis) => Some(axis),
+        };
+        sites.push(o.point, axis);
     }
+    sites
 }
 
 /// Largest distance between two training points, metres.

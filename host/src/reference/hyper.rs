@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use nalgebra::{DVector, Matrix3, Vector3};
 
-use super::gpis::{Error, between};
+use super::gpis::Error;
 use super::{Contact, Gpis, Kernel, Mean, Training};
 
 /// Gradient of the log marginal likelihood, nats per unit of each parameter's logarithm.
@@ -29,29 +29,22 @@ impl Gpis {
         let rows = &self.observations;
         let targets = DVector::from_iterator(rows.len(), rows.iter().map(|o| o.target));
         let weights = self.cholesky.solve(&targets);
-        let inverse = self.cholesky.inverse();
+        let inverse = self.cholesky.inverse_lower();
         // Amplitude and noise scale one summand of K = S + N + ΦΦᵀ each (Φ the mean's modes), so
         // their traces collapse.
         let mut noise = 0.0;
         for (i, o) in rows.iter().enumerate() {
-            noise += o.variance * (weights[i] * weights[i] - inverse[(i, i)]);
+            noise += o.variance * (weights[i] * weights[i] - inverse.get(i, i));
         }
-        let spread = (&inverse * &self.modes).dot(&self.modes);
-        let fixed = self.modes.tr_mul(&weights).norm_squared() - spread;
+        let mut modes = self.modes.clone();
+        self.cholesky.forward(&mut modes);
+        let fixed = self.modes.tr_mul(&weights).norm_squared() - modes.norm_squared();
         let amplitude = targets.dot(&weights) - rows.len() as f64 - noise - fixed;
-        let mut sum = 0.0;
-        for (j, b) in rows.iter().enumerate() {
-            for (i, a) in rows.iter().enumerate().skip(j) {
-                let e = a.point - b.point;
-                let Some(k) = self.kernel.radial_by_log_lengthscale(e.norm()) else {
-                    return Slopes { amplitude, lengthscale: None, noise };
-                };
-                let twice = if i == j { 0.5 } else { 1.0 };
-                let gain = weights[i] * weights[j] - inverse[(i, j)];
-                sum += twice * gain * between(&k, &e, a.part, b.part);
-            }
-        }
-        Slopes { amplitude, lengthscale: Some(sum), noise }
+        let lengthscale = self
+            .sites
+            .covariance_by_log_lengthscale(&self.kernel)
+            .map(|change| 0.5 * change.contract(weights.as_slice(), &inverse));
+        Slopes { amplitude, lengthscale, noise }
     }
 }
 

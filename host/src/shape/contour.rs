@@ -41,12 +41,20 @@ pub fn extract(
     spacing: f64,
 ) -> Result<Contour, LatticeError> {
     let lattice = Lattice::new(bounds, spacing, 2)?;
-    let samples = lattice.sample(field);
-    let successors = link(field, &lattice, &samples);
+    let (outline, clipped) = trace(field, &lattice, &lattice.sample(field));
+    let flat: Vec<Point> =
+        outline.loops.iter().flatten().map(|v| Point::new(v[0], v[1], 0.0)).collect();
+    let deviations = deviations_at(field, &flat);
+    Ok(Contour { outline, deviations, clipped })
+}
+
+/// The closed loops between the crossed edges of the lattice.
+fn trace(field: &dyn Field, lattice: &Lattice, samples: &Samples) -> (Outline, bool) {
+    let successors = link(field, lattice, samples);
     let crossed: Vec<u32> = (0..successors.len() as u32)
         .filter(|e| successors.get(*e as usize).is_some_and(|s| *s != NONE))
         .collect();
-    let found = cross(field, &lattice, &samples, &crossed);
+    let found = cross(field, lattice, samples, &crossed);
     let mut place = vec![NONE; successors.len()];
     for (at, edge) in crossed.iter().enumerate() {
         place[*edge as usize] = at as u32;
@@ -74,9 +82,7 @@ pub fn extract(
             loops.push(vertices);
         }
     }
-    let flat: Vec<Point> = loops.iter().flatten().map(|v| Point::new(v[0], v[1], 0.0)).collect();
-    let deviations = deviations_at(field, &flat);
-    Ok(Contour { outline: Outline { loops }, deviations, clipped: samples.clipped })
+    (Outline { loops }, samples.clipped)
 }
 
 impl Contour {

@@ -3,14 +3,14 @@
 use rayon::prelude::*;
 use thiserror::Error;
 
-use super::Field;
+use super::{Field, near};
 use crate::space::Point;
 
 /// Most nodes a lattice may have: 256³, about 130 MB of values.
 pub const MOST_NODES: usize = 1 << 24;
 
 /// Points handed to a field at once; small enough to spread the work evenly over the cores.
-const BATCH: usize = 256;
+const BATCH: usize = 288;
 
 /// Why a field cannot be traced.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -44,8 +44,9 @@ pub struct Lattice {
 /// The values of a field on a [`Lattice`].
 #[derive(Clone, Debug)]
 pub struct Samples {
-    /// One value per node, metres; x runs fastest, then y, then z. The outermost layer, and
-    /// wherever the field is not finite, holds `spacing`.
+    /// One value per node, metres; x runs fastest, then y, then z. Where neighbours differ in sign,
+    /// and in all cells that do, it is the field's; elsewhere it has the field's sign. The
+    /// outermost layer, and wherever the field is not finite, holds `spacing`.
     pub values: Vec<f64>,
     /// Whether the object reaches the edge of the box, so that its surface is cut off there.
     pub clipped: bool,
@@ -108,8 +109,15 @@ impl Lattice {
         (0..self.axes).any(|a| node[a] < layers || node[a] + layers >= self.counts[a])
     }
 
-    /// The field at every node.
+    /// The field's sign at every node, and its value around the zero set: see [`near`](super::near)
+    /// for where the field is asked.
     pub fn sample(&self, field: &dyn Field) -> Samples {
+        near::sample(self, field)
+    }
+
+    /// The field at every node.
+    #[cfg(test)]
+    pub(super) fn sample_everywhere(&self, field: &dyn Field) -> Samples {
         let [nx, ny, nz] = self.counts;
         let nodes = || {
             (0..nz).flat_map(move |k| (0..ny).flat_map(move |j| (0..nx).map(move |i| [i, j, k])))
@@ -130,20 +138,32 @@ impl Lattice {
 
 /// The field's values at any number of points, in batches spread over the cores.
 pub fn values_at(field: &dyn Field, points: &[Point]) -> Vec<f64> {
-    in_batches(points, |batch| field.values(batch))
+    in_batches(points, f64::NAN, |batch| field.values(batch))
 }
 
 /// The field's deviations at any number of points, in batches spread over the cores.
 pub fn deviations_at(field: &dyn Field, points: &[Point]) -> Vec<f64> {
-    in_batches(points, |batch| field.deviations(batch))
+    in_batches(points, f64::NAN, |batch| field.deviations(batch))
 }
 
-fn in_batches(points: &[Point], of: impl Fn(&[Point]) -> Vec<f64> + Sync) -> Vec<f64> {
-    let batches: Vec<Vec<f64>> = points
+/// The field to first order at any number of points, in batches spread over the cores; see
+/// [`Field::first_order`].
+pub fn first_order_at(field: &dyn Field, points: &[Point], step: f64) -> Vec<(f64, Point)> {
+    let nothing = (f64::NAN, Point::zeros());
+    in_batches(points, nothing, |batch| field.first_order(batch, step))
+}
+
+/// A field that gives too few answers gives `nothing` for the rest.
+fn in_batches<T: Copy + Send + Sync>(
+    points: &[Point],
+    nothing: T,
+    of: impl Fn(&[Point]) -> Vec<T> + Sync,
+) -> Vec<T> {
+    let batches: Vec<Vec<T>> = points
         .par_chunks(BATCH)
         .map(|batch| {
             let mut found = of(batch);
-            found.resize(batch.len(), f64::NAN);
+            found.resize(batch.len(), nothing);
             found
         })
         .collect();
@@ -190,8 +210,11 @@ mod tests {
         let samples = lattice.sample(&Slope);
         assert!(samples.clipped);
         assert_eq!(samples.values[lattice.index([0, 3, 0])], 0.03);
-        let inner = lattice.node([2, 3, 0]).x;
-        assert_eq!(samples.values[lattice.index([2, 3, 0])], inner);
+        // Beside the zero set the value is the field's, elsewhere the sign.
+        let inner = lattice.node([4, 3, 0]).x;
+        assert!(inner < 0.0 && lattice.node([5, 3, 0]).x > 0.0);
+        assert_eq!(samples.values[lattice.index([4, 3, 0])], inner);
+        assert!(samples.values[lattice.index([2, 3, 0])] < 0.0);
     }
 
     #[test]

@@ -8,6 +8,7 @@ pub mod files;
 pub mod lattice;
 pub mod mesh;
 pub mod metrics;
+mod near;
 pub mod nagata;
 pub mod occupancy;
 pub mod outline;
@@ -36,6 +37,26 @@ pub trait Field: Sync {
     fn values(&self, points: &[Point]) -> Vec<f64>;
     /// Standard deviation of the surface's position along its normal near each point, metres.
     fn deviations(&self, points: &[Point]) -> Vec<f64>;
+    /// Value, metres, and gradient at each point. Fields without a formula of their own take
+    /// differences over `step` metres to both sides.
+    fn first_order(&self, points: &[Point], step: f64) -> Vec<(f64, Point)> {
+        let ends = |p: &Point| {
+            let p = *p;
+            let beside = (0..3).flat_map(move |axis| {
+                let mut aside = Point::zeros();
+                aside[axis] = step;
+                [p + aside, p - aside]
+            });
+            beside.chain([p])
+        };
+        let around: Vec<Point> = points.iter().flat_map(ends).collect();
+        let values = self.values(&around);
+        let one = |f: &[f64]| {
+            let across = Point::new(f[0] - f[1], f[2] - f[3], f[4] - f[5]);
+            (f[6], across / (2.0 * step))
+        };
+        values.chunks_exact(7).map(one).collect()
+    }
 }
 
 impl Geometry {

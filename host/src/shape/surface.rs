@@ -6,7 +6,7 @@ use fast_surface_nets::ndshape::RuntimeShape;
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 
 use super::contour::components_touched;
-use super::lattice::{Lattice, LatticeError, deviations_at, values_at};
+use super::lattice::{Lattice, LatticeError, Samples, deviations_at, first_order_at, values_at};
 use super::{Field, Mesh};
 use crate::space::Point;
 
@@ -36,7 +36,7 @@ pub struct Surface {
 }
 
 /// The whole zero set of `field` within the box `bounds` (corners, metres) on a lattice `spacing`
-/// metres apart. Vertices are moved along the field's numerical gradient by at most half a spacing
+/// metres apart. Vertices are moved along the field's gradient by at most half a spacing
 /// until the field there is below 0.1 µm, which smooth fields reach; sharp edges stay cut by about
 /// a fifth of the spacing. An object that reaches the edge of the box is closed along it. Every
 /// component is kept, see [`Surface::touched`].
@@ -45,8 +45,25 @@ pub fn extract(
     bounds: (Point, Point),
     spacing: f64,
 ) -> Result<Surface, LatticeError> {
+    let (mesh, clipped) = mesh(field, bounds, spacing)?;
+    let deviations = deviations_at(field, mesh.vertices());
+    Ok(Surface { mesh, deviations, clipped })
+}
+
+/// As [`extract`], without the deviations, which for a Gaussian process cost more than all the
+/// rest: the mesh, and whether it was cut off at the edge of the box.
+pub fn mesh(
+    field: &dyn Field,
+    bounds: (Point, Point),
+    spacing: f64,
+) -> Result<(Mesh, bool), LatticeError> {
     let lattice = Lattice::new(bounds, spacing, 3)?;
-    let samples = lattice.sample(field);
+    Ok(polygonise(field, &lattice, lattice.sample(field)))
+}
+
+/// Surface nets over the samples, every vertex moved onto the field.
+fn polygonise(field: &dyn Field, lattice: &Lattice, samples: Samples) -> (Mesh, bool) {
+    let spacing = lattice.spacing();
     let counts = lattice.counts().map(|n| n as u32);
     // In spacings, so that the narrower type of the nets loses nothing that matters.
     let scaled: Vec<f32> = samples.values.iter().map(|v| (v / spacing) as f32).collect();
@@ -68,9 +85,7 @@ pub fn extract(
     let triangles: Vec<[u32; 3]> =
         nets.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
     let (vertices, triangles) = collapse(vertices, triangles, SHORTEST * spacing);
-    let deviations = deviations_at(field, &vertices);
-    let mesh = Mesh::trusted(vertices, triangles);
-    Ok(Surface { mesh, deviations, clipped: samples.clipped })
+    (Mesh::trusted(vertices, triangles), samples.clipped)
 }
 
 impl Surface {
@@ -132,18 +147,7 @@ impl Surface {
 fn settle(field: &dyn Field, spacing: f64, free: &[usize], vertices: &mut [Point]) {
     let reach = REACH * spacing;
     let nudge = 0.02 * spacing;
-    let around: Vec<Point> = free
-        .iter()
-        .flat_map(|v| {
-            let p = vertices[*v];
-            let ends = (0..3).flat_map(|a| {
-                let mut step = Point::zeros();
-                step[a] = nudge;
-                [step, -step]
-            });
-            ends.map(move |s| p + s).chain([p]).collect::<Vec<_>>()
-        })
-        .collect();
+    let starts: Vec<Point> = free.iter().map(|v| vertices[*v]).collect();
     struct Walk {
         vertex: usize,
         start: Point,
@@ -154,11 +158,10 @@ fn settle(field: &dyn Field, spacing: f64, free: &[usize], vertices: &mut [Point
     }
     let mut walks: Vec<Walk> = free
         .iter()
-        .zip(values_at(field, &around).chunks_exact(7))
-        .map(|(v, f)| {
-            let gradient = Point::new(f[0] - f[1], f[2] - f[3], f[4] - f[5]) / (2.0 * nudge);
+        .zip(first_order_at(field, &starts, nudge))
+        .map(|(v, (value, gradient))| {
             let slope = gradient / gradient.norm_squared();
-            Walk { vertex: *v, start: vertices[*v], value: f[6], slope, share: 1.0 }
+            Walk { vertex: *v, start: vertices[*v], value, slope, share: 1.0 }
         })
         .filter(|w| w.value.is_finite() && w.slope.iter().all(|s| s.is_finite()))
         .collect();
@@ -203,20 +206,24 @@ fn collapse(
         .map(|t| t.map(|v| groups.root(v)))
         .filter(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0])
         .collect();
-    let mut sides: HashMap<[u32; 3], Vec<(usize, bool)>> = HashMap::new();
-    for (i, t) in kept.iter().enumerate() {
-        let mut corners = *t;
-        corners.sort_unstable();
-        let turns = [[t[0], t[1], t[2]], [t[1], t[2], t[0]], [t[2], t[0], t[1]]];
-        sides.entry(corners).or_default().push((i, turns.contains(&corners)));
-    }
+    // Triangles with the same corners side by side, those that run up through them first.
+    let mut sides: Vec<([u32; 3], bool, usize)> = kept
+        .iter()
+        .enumerate()
+        .map(|(i, t)| {
+            let mut corners = *t;
+            corners.sort_unstable();
+            let turns = [[t[0], t[1], t[2]], [t[1], t[2], t[0]], [t[2], t[0], t[1]]];
+            (corners, !turns.contains(&corners), i)
+        })
+        .collect();
+    sides.sort_unstable();
     let mut gone = vec![false; kept.len()];
-    for faces in sides.values().filter(|f| f.len() > 1) {
-        let even: Vec<usize> = faces.iter().filter(|f| f.1).map(|f| f.0).collect();
-        let odd: Vec<usize> = faces.iter().filter(|f| !f.1).map(|f| f.0).collect();
-        for (a, b) in even.into_iter().zip(odd) {
-            gone[a] = true;
-            gone[b] = true;
+    for faces in sides.chunk_by(|a, b| a.0 == b.0).filter(|f| f.len() > 1) {
+        let (even, odd) = faces.split_at(faces.partition_point(|f| !f.1));
+        for (a, b) in even.iter().zip(odd) {
+            gone[a.2] = true;
+            gone[b.2] = true;
         }
     }
     let mut index = 0;
@@ -224,13 +231,15 @@ fn collapse(
         index += 1;
         !gone[index - 1]
     });
-    let mut renamed = HashMap::new();
+    let mut renamed = vec![u32::MAX; vertices.len()];
     let mut left = Vec::new();
     for v in kept.iter_mut().flatten() {
-        *v = *renamed.entry(*v).or_insert_with(|| {
+        let name = &mut renamed[*v as usize];
+        if *name == u32::MAX {
+            *name = left.len() as u32;
             left.push(vertices[*v as usize]);
-            left.len() as u32 - 1
-        });
+        }
+        *v = *name;
     }
     (left, kept)
 }
