@@ -95,10 +95,7 @@ fn sets<S: Space>(scale: f32) -> Vec<(&'static str, Vec<Contact<S>>)> {
         ("inside out", with(&|_, c| c.normal = c.normal.map(|n| -n))),
         ("no noise", with(&|_, c| (c.point_deviation, c.normal_deviation) = (0.0, 0.0))),
         ("hardly any noise", with(&|_, c| (c.point_deviation, c.normal_deviation) = (1e-9, 1e-9))),
-        (
-            "noise beyond reason",
-            with(&|_, c| (c.point_deviation, c.normal_deviation) = (1e3, 1e3))
-        ),
+        ("noise beyond reason", with(&|_, c| (c.point_deviation, c.normal_deviation) = (1e3, 1e3))),
         (
             "NaN noise",
             with(&|i, c| if i == 2 {

@@ -76,7 +76,8 @@ impl Model {
     /// The shape of contacts in the object frame; `None` where the model gives none.
     pub fn reconstruct(&self, dimension: usize, contacts: &[Contact]) -> Option<Shape> {
         let ours = |choice| {
-            let (_, geometry, deviations) = reconstruct::shape(dimension, contacts, &[], choice).ok()?;
+            let (_, geometry, deviations) =
+                reconstruct::shape(dimension, contacts, &[], choice).ok()?;
             Some(Shape { geometry, deviations })
         };
         match self {
@@ -133,7 +134,7 @@ fn about(dimension: usize, contacts: &[Contact], radii: f64) -> Option<Shape> {
 fn radius(contacts: &[Contact]) -> Option<f64> {
     match Prior::about(contacts.iter().map(|c| c.point))? {
         Prior::Ball { radius, .. } => Some(radius),
-        Prior::Constant(_) => None,
+        _ => None,
     }
 }
 

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::kernel::Radial;
 use super::mean::Local;
 use super::spheres::Normalisation;
 use super::{Contact, Kernel, Mean, Spheres};
@@ -331,13 +330,17 @@ impl Gpis {
     /// Posterior mean and covariance (2.14) of the values at all points together, m and m².
     pub fn joint(&self, points: &[Point]) -> (DVector<f64>, DMatrix<f64>) {
         let points: Vec<Point> = points.iter().map(|p| self.flat(p)).collect();
-        let value = |p: &Point| (*p, Part::Value);
         let mut cross = DMatrix::from_fn(self.rows(), points.len(), |i, j| {
             let o = &self.observations[i];
-            covariance(&self.kernel, (o.point, o.part), value(&points[j]))
+            let e = o.point - points[j];
+            let k = self.kernel.radial(e.norm());
+            match o.part {
+                Part::Value => k.value,
+                Part::Slope(axis) => k.slope * e[axis],
+            }
         });
         let mut own = DMatrix::from_fn(points.len(), points.len(), |i, j| {
-            covariance(&self.kernel, value(&points[i]), value(&points[j]))
+            self.kernel.radial((points[i] - points[j]).norm()).value
         });
         if !self.shifts.is_empty() {
             let modes: Vec<f64> =

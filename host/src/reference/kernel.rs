@@ -147,6 +147,9 @@ impl Kernel {
             Kernel::Matern32 { amplitude, lengthscale } => {
                 Kernel::Matern32 { amplitude: amplitude * unit, lengthscale: lengthscale * unit }
             }
+            Kernel::Matern52 { amplitude, lengthscale } => {
+                Kernel::Matern52 { amplitude: amplitude * unit, lengthscale: lengthscale * unit }
+            }
             Kernel::ThinPlate { amplitude, range } => {
                 Kernel::ThinPlate { amplitude: amplitude * unit, range: range * unit }
             }

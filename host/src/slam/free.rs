@@ -132,7 +132,7 @@ fn propagate(gpis: &Gpis, free: &[Free]) -> Vec<Reading> {
                 continue;
             }
             let without = (belief[i] / variance - nu[i]) / left;
-            let wide = 1.0 / left + free[i].deviation.powi(2);
+            let wide: f64 = 1.0 / left + free[i].deviation.powi(2);
             let z = without / wide.sqrt();
             let h = hazard(z);
             let shrink = h * (z + h) / wide;
