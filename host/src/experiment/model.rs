@@ -4,7 +4,7 @@ use crate::reference::hyper::{Belief, Search};
 use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
 use crate::shape::occupancy::{Layout, Occupancy};
 use crate::shape::superquadric::Superquadric;
-use crate::shape::{Field, Geometry, nagata};
+use crate::shape::{Field, Geometry, contour, nagata, surface};
 use crate::slam::choose::Choice;
 use crate::slam::reconstruct;
 use crate::space::Point;
@@ -48,6 +48,10 @@ pub struct Shape {
 
 /// How far beside a contact the thesis' training puts ±1, metres; it does not say.
 const BESIDE: f64 = 0.01;
+
+/// Lattice cells across the contacts, as [`reconstruct`] has them.
+const PLANAR_CELLS: f64 = 120.0;
+const SPATIAL_CELLS: f64 = 40.0;
 
 /// Contacts that decide a kernel's parameters at most; the fit itself uses all.
 const DECIDING: usize = 60;
@@ -127,7 +131,9 @@ fn about(dimension: usize, contacts: &[Contact], radii: f64) -> Option<Shape> {
     let radius = radius(contacts)?;
     let (prior, training) = (Prior::Constant(radii * radius), Training::Derivative);
     let family = Kernel::Matern32 { amplitude: radius, lengthscale: radius };
-    seek(dimension, contacts, family, prior, training, Search::default())
+    let gpis = seek(dimension, contacts, family, prior, training, Search::default())?;
+    let (geometry, deviations) = reconstruct::extract(dimension, &gpis, contacts).ok()?;
+    Some(Shape { geometry, deviations })
 }
 
 /// Of the ball about the contacts, metres.
@@ -142,7 +148,29 @@ fn thesis(dimension: usize, contacts: &[Contact], kernel: impl Fn(f64) -> Kernel
     let radius = radius(contacts)?;
     let search = Search { amplitude: INDIFFERENT, lengthscale: INDIFFERENT, noise: None };
     let (prior, training) = (Prior::Constant(0.0), Training::OffSurface { distance: BESIDE });
-    seek(dimension, contacts, kernel(radius), prior, training, search)
+    let gpis = seek(dimension, contacts, kernel(radius), prior, training, search)?;
+    bounded(&gpis, contacts)
+}
+
+/// The touched part of the zero set where the thesis looks for it: on a grid that the contact data
+/// delimit (2.2.2), here out to the farthest training points. Beyond them a field about zero crosses
+/// zero anywhere.
+fn bounded(gpis: &Gpis, contacts: &[Contact]) -> Option<Shape> {
+    let points: Vec<Point> = contacts.iter().map(|c| c.point).collect();
+    let first = points.first()?;
+    let low = points.iter().fold(*first, |low, p| low.inf(p));
+    let high = points.iter().fold(*first, |high, p| high.sup(p));
+    let margin = Point::repeat(BESIDE);
+    let bounds = (low - margin, high + margin);
+    let size = (high - low).amax().max(BESIDE);
+    if gpis.dimension() == 2 {
+        let contour = contour::extract(gpis, bounds, size / PLANAR_CELLS).ok()?.touched(&points);
+        let geometry = Geometry::Outline(contour.outline);
+        Some(Shape { geometry, deviations: contour.deviations })
+    } else {
+        let surface = surface::extract(gpis, bounds, size / SPATIAL_CELLS).ok()?.touched(&points);
+        Some(Shape { geometry: Geometry::Mesh(surface.mesh), deviations: surface.deviations })
+    }
 }
 
 /// The surface with the kernel's most plausible parameters.
@@ -153,13 +181,11 @@ fn seek(
     prior: Prior,
     training: Training,
     search: Search,
-) -> Option<Shape> {
+) -> Option<Gpis> {
     let radius = radius(contacts)?;
     let stride = contacts.len().div_ceil(DECIDING);
     let deciding: Vec<Contact> = contacts.iter().step_by(stride).copied().collect();
     let found = search.run(dimension, family, prior, training, &deciding, radius).ok()?;
     let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(found.noise)).collect();
-    let gpis = Gpis::fit(dimension, found.kernel, prior, training, &contacts).ok()?;
-    let (geometry, deviations) = reconstruct::extract(dimension, &gpis, &contacts).ok()?;
-    Some(Shape { geometry, deviations })
+    Gpis::fit(dimension, found.kernel, prior, training, &contacts).ok()
 }

@@ -45,10 +45,8 @@ pub fn align(estimate: &Geometry, truth: &Geometry) -> Pose {
         problem.minimise(*pose, Some(scale))
     });
     for pose in found.into_iter().take(3).chain(robust) {
-        if let Some(d) = metrics::compare_at(estimate, &pose, truth)
-            && d.hausdorff < least
-        {
-            least = d.hausdorff;
+        if let Some(hausdorff) = metrics::nearer_than(least, estimate, &pose, truth) {
+            least = hausdorff;
             best = pose;
         }
     }

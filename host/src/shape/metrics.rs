@@ -46,6 +46,29 @@ pub fn compare_at(estimate: &Geometry, pose: &Pose, truth: &Geometry) -> Option<
     both_ways(there, back)
 }
 
+/// The Hausdorff distance of [`compare_at`] where it is below `limit`, metres; gives up at the first
+/// point that is not.
+pub(super) fn nearer_than(
+    limit: f64,
+    estimate: &Geometry,
+    pose: &Pose,
+    truth: &Geometry,
+) -> Option<f64> {
+    if !comparable(estimate, truth) {
+        return None;
+    }
+    let greatest = |from: &Geometry, pose: &Pose, to: &Geometry| {
+        let (even, corners) = judged(from);
+        let distances = corners.par_iter().chain(&even).map(|p| {
+            let distance = to.distance(&(pose * Point3::from(*p)).coords);
+            (distance < limit).then_some(distance)
+        });
+        distances.try_reduce(|| 0.0, |a, b| Some(a.max(b)))
+    };
+    let there = greatest(estimate, pose, truth)?;
+    Some(there.max(greatest(truth, &pose.inverse(), estimate)?))
+}
+
 /// C.1 of the thesis for the Hausdorff distance, and both ways alike for mean and root mean square;
 /// `None` when a figure is not finite.
 pub(super) fn both_ways(there: Distances, back: Distances) -> Option<Distances> {
@@ -163,6 +186,19 @@ mod tests {
             .unwrap();
         assert!((d.hausdorff - 0.002 * 3f64.sqrt()).abs() < 1e-9);
         assert!(d.mean > 0.002 && d.mean < 0.0022, "{d:?}");
+    }
+
+    #[test]
+    fn a_limit_changes_whether_there_is_an_answer_but_not_which() {
+        let (a, b) = (circle(0.05), square(0.04));
+        let pose = planar(0.003, -0.002, 0.1);
+        let whole = compare_at(&a, &pose, &b).unwrap().hausdorff;
+        assert_eq!(nearer_than(1.01 * whole, &a, &pose, &b), Some(whole));
+        assert_eq!(nearer_than(whole, &a, &pose, &b), None);
+        assert_eq!(
+            nearer_than(1.0, &a, &pose, &Geometry::Outline(Outline { loops: vec![] })),
+            None
+        );
     }
 
     #[test]
