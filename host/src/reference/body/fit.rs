@@ -266,8 +266,6 @@ impl Problem {
         let oddity = 0.5 * odd.sum::<f64>();
         // With the contacts' own weights.
         let exact = self.exact().climb(fit.clone(), TRIAL);
-        let measured =
-            self.felt.iter().map(|f| if f.normal.is_some() { self.dimension } else { 1 });
         let planes = (fit.parameters.len() - round) / (self.dimension + 1);
         let degrees = self.measured() as f64 - (round + self.dimension * planes) as f64;
         let parts = placed(&fit.parameters)?;
