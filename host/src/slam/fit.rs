@@ -124,3 +124,76 @@ impl Candidate {
         Ok(Candidate { body, search, found, evidence })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shape::Field;
+    use crate::sim::{ObjectSpec, Options, Touch, simulate};
+    use crate::slam::{reconstruct, track};
+    use crate::space::Point;
+
+    /// Contacts drawn uniformly, 1 mm and 5°, and points of the true surface.
+    fn touched(object: &str, contacts: usize, seed: u64) -> (usize, Vec<Contact>, Vec<Point>) {
+        let spec: ObjectSpec = object.parse().unwrap();
+        let options = Options {
+            grasps: Some(1),
+            contacts,
+            touch: Touch::Uniform,
+            seed,
+            ..Options::new(spec.clone())
+        };
+        let simulation = simulate(&options).unwrap();
+        let steps = track::truth(&simulation.log).unwrap();
+        let placed = reconstruct::place(&simulation.log, &steps);
+        let truth = simulation.geometry.samples(200).into_iter().map(|s| s.0).collect();
+        (spec.dimension(), placed.into_iter().map(|p| p.contact).collect(), truth)
+    }
+
+    /// Median over seeds of the root mean square of the field on the true surface, metres.
+    fn error(object: &str, contacts: usize) -> f64 {
+        let one = |seed: u64| {
+            let (dimension, contacts, truth) = touched(object, contacts, seed);
+            let (_, gpis) = fit(dimension, &contacts, &[]).unwrap();
+            let squares: f64 = gpis.values(&truth).iter().map(|v| v * v).sum();
+            (squares / truth.len() as f64).sqrt()
+        };
+        let mut errors: Vec<f64> = (3000..3005).map(one).collect();
+        errors.sort_by(f64::total_cmp);
+        errors[2]
+    }
+
+    #[test]
+    fn an_ellipse_is_known_from_ten_contacts() {
+        let error = error("ellipse:0.1x0.05", 10);
+        assert!(error < 1.5e-3, "{error}");
+    }
+
+    #[test]
+    fn a_can_is_known_from_thirty_contacts() {
+        let error = error("cylinder:0.05x0.08", 30);
+        assert!(error < 1.8e-3, "{error}");
+    }
+
+    #[test]
+    fn any_contacts_have_a_finite_answer() {
+        let (_, contacts, truth) = touched("cylinder:0.05x0.08", 12, 3000);
+        let same = vec![contacts[0]; 5];
+        let flat: Vec<Contact> = contacts
+            .iter()
+            .map(|c| Contact {
+                point: Point::new(c.point.x, c.point.y, 0.0),
+                normal: Some(Point::z()),
+                ..*c
+            })
+            .collect();
+        let bare: Vec<Contact> = contacts.iter().map(|c| Contact { normal: None, ..*c }).collect();
+        for contacts in [&contacts[..1], &contacts[..2], &same, &flat, &bare] {
+            let (_, gpis) = fit(3, contacts, &[]).unwrap();
+            assert!(
+                gpis.values(&truth).iter().chain(&gpis.deviations(&truth)).all(|v| v.is_finite())
+            );
+        }
+        assert!(matches!(fit(3, &[], &[]), Err(Error::NoContacts)));
+    }
+}

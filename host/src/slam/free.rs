@@ -121,7 +121,8 @@ fn propagate(gpis: &Gpis, free: &[Free]) -> Vec<Reading> {
     let (mean, prior) = gpis.joint(&points);
     let n = points.len();
     // Sites: precision τ and precision times mean ν.
-    let (mut tau, mut nu) = (DVector::zeros(n), DVector::zeros(n));
+    let mut tau: DVector<f64> = DVector::zeros(n);
+    let mut nu: DVector<f64> = DVector::zeros(n);
     let (mut covariance, mut belief) = (prior.clone(), mean.clone());
     for _ in 0..SWEEPS {
         let mut moved: f64 = 0.0;

@@ -62,10 +62,12 @@ struct Problem {
 }
 
 impl Body {
-    /// The ball of [`Prior::fitted`]. `None` without contacts.
+    /// The ball of [`Prior::fitted`], taken as certain: a ball that few contacts on a long object
+    /// are free to move grows far beyond it. `None` without contacts.
     pub fn ball(dimension: usize, contacts: &[Contact]) -> Option<Body> {
         let problem = Problem::of(dimension, contacts)?;
-        problem.body(&problem.start(Round::Ball))
+        let body = problem.body(&problem.start(Round::Ball))?;
+        Some(Body { modes: vec![], ..body })
     }
 
     /// The quadric that fits best: least squares of distances and normals, with a weak pull to the
@@ -77,7 +79,9 @@ impl Body {
     }
 
     /// The quadric cut by those of the `faces` that pay for their parameters (by the Bayesian
-    /// information criterion), all fitted together. `None` without contacts, or when no cut pays.
+    /// information criterion), all fitted together. `None` without contacts, when no cut pays, or
+    /// when fewer than three numbers were measured per parameter: where a cut quadric ends away from
+    /// the contacts is then a guess.
     pub fn cut(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<Body> {
         let problem = Problem::of(dimension, contacts)?;
         let mut best = problem.climb(problem.start(Round::Quadric), STEPS);
@@ -96,7 +100,11 @@ impl Body {
             left.remove(index);
             best = problem.climb(fit, STEPS);
         }
-        if best.parameters.len() == whole { None } else { problem.body(&best) }
+        if best.parameters.len() == whole {
+            return None;
+        }
+        let measured = problem.measured() as f64;
+        problem.body(&best).filter(|body| measured >= 3.0 * (measured - body.degrees))
     }
 
     /// The polytope of all `faces`, closed or not. `None` without contacts or faces.
@@ -147,6 +155,11 @@ impl Problem {
             exact: (weight(c.point_deviation / radius, 0.0), weight(c.normal_deviation, 0.0)),
         });
         Some(Problem { dimension, centre, radius, felt: felt.collect() })
+    }
+
+    /// Numbers that the contacts measured: normals have one less than they have axes.
+    fn measured(&self) -> usize {
+        self.felt.iter().map(|f| if f.normal.is_some() { self.dimension } else { 1 }).sum()
     }
 
     /// The same with the contacts' own deviations.
@@ -251,12 +264,10 @@ impl Problem {
         let usual = self.start(fit.round).parameters;
         let odd = (0..round).map(|i| ((fit.parameters[i] - usual[i]) / SHAPE).powi(2));
         let oddity = 0.5 * odd.sum::<f64>();
-        // With the contacts' own weights; their normals have one number less than they have axes.
+        // With the contacts' own weights.
         let exact = self.exact().climb(fit.clone(), TRIAL);
-        let measured =
-            self.felt.iter().map(|f| if f.normal.is_some() { self.dimension } else { 1 });
         let planes = (fit.parameters.len() - round) / (self.dimension + 1);
-        let degrees = measured.sum::<usize>() as f64 - (round + self.dimension * planes) as f64;
+        let degrees = self.measured() as f64 - (round + self.dimension * planes) as f64;
         let parts = placed(&fit.parameters)?;
         Some(Body { parts, modes, oddity, chi_squared: exact.cost, degrees })
     }
