@@ -236,7 +236,7 @@ fn same_at_every_scale<S: Space, M: Map<S>>(
 fn every_scale<S: Space>() {
     let rough = Matern32 { amplitude: 1.0, lengthscale: 2.0 };
     // The prior ball is never smaller than 5 mm, which shows at half a millimetre.
-    same_at_every_scale::<S, _>(0.06, 0.03, |radius| {
+    same_at_every_scale::<S, _>(0.08, 0.03, |radius| {
         let mut gpis = Box::new(Model::<S, Matern32, Ball<S>>::new());
         gpis.configure(rough.scaled(radius), Ball::UNSET, Training::Normals);
         gpis

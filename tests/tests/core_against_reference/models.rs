@@ -116,8 +116,8 @@ fn same_with_spheres<S: Bridge, K: surface::Kernel>(
 
 /// Kernels as [`Spheres`] advises, in extents.
 fn same_with_either_kernel<S: Bridge>(case: &Case) -> Result<(), TestCaseError> {
-    let plate = ThinPlate { amplitude: 0.375, range: 6.25 };
-    let thin = Kernel::ThinPlate { amplitude: 0.375, range: 6.25 };
+    let plate = ThinPlate { amplitude: 0.375, range: 4.625 };
+    let thin = Kernel::ThinPlate { amplitude: 0.375, range: 4.625 };
     same_with_spheres::<S, _>(case, plate, thin)?;
     let smooth = SquaredExponential { amplitude: 0.375, lengthscale: 0.5 };
     let reference = Kernel::SquaredExponential { amplitude: 0.375, lengthscale: 0.5 };
