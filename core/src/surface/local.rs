@@ -9,7 +9,8 @@
 //!
 //! The thesis leaves ω, k, φ and β* open. Here
 //! - ωᵢ = 1/σᵢ², from the contact's point deviation;
-//! - kᵢ = exp(−|p − cᵢ|²/2ℓ²), a squared exponential whose ℓ follows the spacing of the contacts;
+//! - kᵢ = (1 + |p − cᵢ|²/ℓ²)⁻² with an ℓ that follows the spacing of the contacts: its tail lets planes
+//!   speak where nobody touched, where a squared exponential leaves all to the nearest and grows fins;
 //! - bᵢⱼ ∈ (−1, 1) says how contacts i and j meet: t/√(t² + τ²) of t = (nⱼ − nᵢ)·(cⱼ − cᵢ)/|cⱼ − cᵢ|,
 //!   positive on a convex, negative on a concave and zero on a flat piece; τ² = 0.1² + (2σ_θ)² of
 //!   both normals, and the points' noise in the distance, keep noise from looking like an edge;
@@ -38,9 +39,6 @@ const ALL_AROUND: f32 = 0.01;
 
 /// Weight of "flat" beside the neighbours: decides where all are too far to matter.
 const FLAT: f32 = 1e-6;
-
-/// ℓ over the root mean squared distance between nearest contacts.
-const SPACING: f32 = 0.7;
 
 /// Least ℓ over the point deviation.
 const LEAST_LENGTHSCALE: f32 = 5.0;
@@ -149,7 +147,7 @@ impl<S: Space, const CONTACTS: usize> Local<S, CONTACTS> {
     }
 
     /// Sets ℓ in metres and forgets every contact. `None` (or what is no positive number) is the
-    /// default: 0.7 of the root mean squared distance between nearest contacts, at least five point
+    /// default: the root mean squared distance between nearest contacts, at least five point
     /// deviations, found anew by every refit.
     pub fn configure(&mut self, lengthscale: Option<f32>) {
         self.clear();
@@ -171,24 +169,23 @@ impl<S: Space, const CONTACTS: usize> Local<S, CONTACTS> {
         (a.point - b.point).norm_squared() + self.lengthscale * self.lengthscale * turn
     }
 
-    /// β*ᵢ times the sharpness at `point`, and its gradient, where `weights` are all ω k and `total`
-    /// is their sum with its gradient.
+    /// β*ᵢ at `point`, and its gradient, where `shares` are all ω k with their gradients, and `total`
+    /// is their sum.
     fn convexity(
         &self,
         number: usize,
         point: S::Vector,
-        weights: &[f32; CONTACTS],
-        total: (f32, S::Vector),
+        shares: &[Share<S>; CONTACTS],
+        total: &Share<S>,
     ) -> (f32, S::Vector) {
         let Some(own) = self.planes().get(number) else { return (0.0, S::Vector::ZERO) };
-        let falloff = -1.0 / (self.lengthscale * self.lengthscale);
         let e = point - own.point;
         let flat = e - own.normal * own.normal.dot(e);
         let blend = BLEND * self.lengthscale;
         let inverse_reach = 1.0 / math::sqrt(flat.norm_squared() + blend * blend);
         let (mut above, mut above_slope) = (0.0, S::Vector::ZERO);
-        let (mut below, mut below_slope) = (FLAT * total.0, total.1 * FLAT);
-        for (other, (plane, &weight)) in self.planes().iter().zip(weights).enumerate() {
+        let (mut below, mut below_slope) = (FLAT * total.weight, total.slope * FLAT);
+        for (other, (plane, share)) in self.planes().iter().zip(shares).enumerate() {
             if other == number {
                 continue;
             }
@@ -198,18 +195,28 @@ impl<S: Space, const CONTACTS: usize> Local<S, CONTACTS> {
             let cube = half * half * half;
             let angular = cube * half + ALL_AROUND;
             let cos_slope = (direction - flat * (cos * inverse_reach)) * inverse_reach;
-            let share = weight * angular;
-            let share_slope =
-                (point - plane.point) * (share * falloff) + cos_slope * (2.0 * weight * cube);
+            let weight = share.weight * angular;
+            let slope = share.slope * angular + cos_slope * (2.0 * share.weight * cube);
             let meets = own.meets(plane);
-            above += share * meets;
-            above_slope += share_slope * meets;
-            below += share;
-            below_slope += share_slope;
+            above += weight * meets;
+            above_slope += slope * meets;
+            below += weight;
+            below_slope += slope;
         }
         let mean = above / below;
         (SHARPNESS * mean, (above_slope - below_slope * mean) * (SHARPNESS / below))
     }
+}
+
+/// What ω k of one contact is at a point.
+#[derive(Clone, Copy, Debug)]
+struct Share<S: Space> {
+    weight: f32,
+    slope: S::Vector,
+}
+
+impl<S: Space> Share<S> {
+    const NONE: Self = Share { weight: 0.0, slope: S::Vector::ZERO };
 }
 
 impl<S: Space, const CONTACTS: usize> Default for Local<S, CONTACTS> {
@@ -223,59 +230,64 @@ impl<S: Space, const CONTACTS: usize> Surface<S> for Local<S, CONTACTS> {
     /// σ_p² + σ_θ²d² + κ²d⁴/4 at the distance d from their contacts, and the slope's of
     /// σ_θ² + κ²d²; κ² is measured between nearest contacts and at least (1/4ℓ)².
     fn probe(&self, point: S::Vector) -> Probe<S> {
-        let mut nearest = f32::INFINITY;
+        let mut nearest: Option<(f32, &Plane<S>)> = None;
         for plane in self.planes() {
-            nearest = math::min((point - plane.point).norm_squared(), nearest);
+            let d2 = (point - plane.point).norm_squared();
+            if nearest.is_none_or(|(least, _)| d2 < least) {
+                nearest = Some((d2, plane));
+            }
         }
         let mut probe = Probe {
             value: 0.0,
             gradient: S::Vector::ZERO,
             variance: f32::INFINITY,
             slope_variance: 1.0,
-            nearest: math::sqrt(nearest),
+            nearest: nearest.map_or(f32::INFINITY, |(d2, _)| math::sqrt(d2)),
         };
-        if !(self.lengthscale > 0.0) || !nearest.is_finite() {
-            return probe;
-        }
-        // A common factor of all weights changes nothing: the nearest contact has its ω.
-        let rate = -1.0 / (self.lengthscale * self.lengthscale);
-        let mut weights = [0.0; CONTACTS];
-        let (mut total, mut total_slope) = (0.0, S::Vector::ZERO);
-        for (weight, plane) in weights.iter_mut().zip(self.planes()) {
+        let Some((least, near)) = nearest.filter(|_| self.lengthscale > 0.0) else { return probe };
+
+        // A factor common to all weights changes nothing: the nearest contact's k is one everywhere,
+        // and what is left of the gradients does not cancel.
+        let rate = 1.0 / (self.lengthscale * self.lengthscale);
+        let highest = 1.0 + least * rate;
+        let fall = |e: S::Vector, height: f32| e * (-4.0 * rate / height);
+        let near_fall = fall(point - near.point, highest);
+        let mut shares = [Share::<S>::NONE; CONTACTS];
+        let mut total = Share::<S>::NONE;
+        for (share, plane) in shares.iter_mut().zip(self.planes()) {
             let e = point - plane.point;
-            *weight = math::exp(0.5 * rate * (e.norm_squared() - nearest)) / plane.point_variance;
-            total += *weight;
-            total_slope += e * (*weight * rate);
+            let height = 1.0 + e.norm_squared() * rate;
+            let root = highest / height;
+            share.weight = root * root / plane.point_variance;
+            share.slope = (fall(e, height) - near_fall) * share.weight;
+            total.weight += share.weight;
+            total.slope += share.slope;
         }
 
         // F, and the two sums whose sum or difference divides it.
         let (mut field, mut field_slope) = (0.0, S::Vector::ZERO);
         let (mut bent, mut bent_slope) = (0.0, S::Vector::ZERO);
         let mut convexities = [0.0; CONTACTS];
-        for (number, plane) in self.planes().iter().enumerate() {
-            let weight = weights[number];
-            let (convexity, slope) = self.convexity(number, point, &weights, (total, total_slope));
+        for (number, (plane, share)) in self.planes().iter().zip(&shares).enumerate() {
+            let (convexity, slope) = self.convexity(number, point, &shares, &total);
             convexities[number] = convexity;
-            let e = point - plane.point;
-            let y = plane.normal.dot(e);
+            let y = plane.normal.dot(point - plane.point);
             let sign = if y >= 0.0 { 1.0 } else { -1.0 };
             let weighted = y + convexity * sign * y;
-            field += weight * weighted;
-            field_slope += (e * (rate * weighted)
-                + plane.normal * (1.0 + convexity * sign)
-                + slope * (sign * y))
-                * weight;
-            bent += weight * convexity;
-            bent_slope += (e * (rate * convexity) + slope) * weight;
+            let turned = plane.normal * (1.0 + convexity * sign) + slope * (sign * y);
+            field += share.weight * weighted;
+            field_slope += share.slope * weighted + turned * share.weight;
+            bent += share.weight * convexity;
+            bent_slope += share.slope * convexity + slope * share.weight;
         }
         let sign = if field >= 0.0 { 1.0 } else { -1.0 };
-        let scale = 1.0 / (total + sign * bent);
+        let scale = 1.0 / (total.weight + sign * bent);
         probe.value = field * scale;
-        probe.gradient = (field_slope - (total_slope + bent_slope * sign) * probe.value) * scale;
+        probe.gradient = (field_slope - (total.slope + bent_slope * sign) * probe.value) * scale;
 
         (probe.variance, probe.slope_variance) = (0.0, 0.0);
-        for ((plane, weight), convexity) in self.planes().iter().zip(weights).zip(convexities) {
-            let share = weight * (1.0 + sign * convexity) * scale;
+        for ((plane, share), convexity) in self.planes().iter().zip(&shares).zip(convexities) {
+            let share = share.weight * (1.0 + sign * convexity) * scale;
             let d2 = (point - plane.point).norm_squared();
             let bend = self.curvature * d2;
             probe.slope_variance += share * (plane.normal_variance + bend);
@@ -351,10 +363,7 @@ impl<S: Space, const CONTACTS: usize> Map<S> for Local<S, CONTACTS> {
         self.lengthscale = if self.given > 0.0 {
             self.given
         } else {
-            math::max(
-                SPACING * math::sqrt(spacing * share),
-                LEAST_LENGTHSCALE * math::sqrt(noise * share),
-            )
+            math::max(math::sqrt(spacing * share), LEAST_LENGTHSCALE * math::sqrt(noise * share))
         };
         let least = STRAIGHTEST * self.lengthscale;
         let measured = if reach > f32::MIN_POSITIVE { 4.0 * bent / reach } else { 0.0 };

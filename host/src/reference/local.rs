@@ -6,7 +6,7 @@
 //! near minus one the least, so that edges and corners stay sharp; on a face, β* near zero averages
 //! noise. What the thesis leaves open is decided thus:
 //!
-//! - ωᵢ = 1/σ_p², kᵢ = exp(−|p − cᵢ|²/2ℓ²), ℓ from the spacing of the contacts;
+//! - ωᵢ = 1/σ_p², kᵢ = (1 + |p − cᵢ|²/ℓ²)⁻², ℓ from the spacing of the contacts;
 //! - bᵢⱼ = t/√(t² + τ²) with t = (nⱼ − nᵢ)·(cⱼ − cᵢ)/√(|cⱼ − cᵢ|² + 4(σ_p² + σ_p²)) says how i and j meet,
 //!   in units of what noise could feign: τ² = 0.1² + 4(σ_θ² + σ_θ²), variances of both;
 //! - φᵢⱼ(p) = ((1 + cos α)/2)⁴, α between the directions from cᵢ to p and to cⱼ within the tangent plane
@@ -65,8 +65,8 @@ impl Local {
     pub const MOST_CONTACTS: usize = 3000;
 
     /// The surface of `contacts`; those without a normal have no plane and are left out. ℓ is
-    /// `lengthscale` (metres) or 0.7 of the root mean squared distance between nearest contacts, at
-    /// least five point deviations. Without contacts f is zero and its deviation infinite.
+    /// `lengthscale` (metres) or the root mean squared distance between nearest contacts, at least
+    /// five point deviations. Without contacts f is zero and its deviation infinite.
     ///
     /// # Errors
     /// When a number is unusable or there are too many contacts.
@@ -112,8 +112,7 @@ impl Local {
         }
         let count = contacts.len().max(1) as f64;
         let noise = contacts.iter().map(|c| c.point_deviation.powi(2)).sum::<f64>() / count;
-        let lengthscale =
-            lengthscale.unwrap_or((0.7 * (spacing / count).sqrt()).max(5.0 * noise.sqrt()));
+        let lengthscale = lengthscale.unwrap_or((spacing / count).sqrt().max(5.0 * noise.sqrt()));
         let measured = if reach > 0.0 { 4.0 * bent / reach } else { 0.0 };
         let curvature = measured.max((4.0 * lengthscale).powi(-2));
         Ok(Local { dimension, contacts, pairs, lengthscale, curvature })
@@ -134,13 +133,13 @@ impl Local {
         let distance = |c: &Contact| (p - c.point).norm_squared();
         let nearest = self.contacts.iter().map(distance).fold(f64::INFINITY, f64::min);
         let q = 1.0 / (self.lengthscale * self.lengthscale);
-        // A common factor changes nothing: the nearest has its ω.
+        // A common factor changes nothing: the nearest contact's k is one.
         let near: Vec<(usize, f64)> = self
             .contacts
             .iter()
             .enumerate()
             .map(|(i, c)| {
-                let k = (-0.5 * (distance(c) - nearest) * q).exp();
+                let k = ((1.0 + nearest * q) / (1.0 + distance(c) * q)).powi(2);
                 (i, k / c.point_deviation.powi(2))
             })
             .collect();

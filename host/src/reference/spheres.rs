@@ -54,7 +54,7 @@ impl Normalisation {
 impl Spheres {
     /// Twenty points outside and eight inside, for an object up to four times as long as thick.
     pub const FEW: Self = Spheres {
-        outside: 2.0,
+        outside: 1.5,
         inside: 0.2,
         outside_points: 20,
         inside_points: 8,
@@ -152,7 +152,7 @@ mod tests {
             let mut rows: Vec<(Point, f64)> =
                 contacts.iter().map(|c| ((c.point - n.centre) / n.extent, 0.0)).collect();
             assert!((rows.iter().map(|r| r.0.norm()).fold(0.0, f64::max) - 1.0).abs() < 1e-12);
-            rows.extend(spread(dimension, 20).map(|unit| (unit * 2.0, 1.0)));
+            rows.extend(spread(dimension, 20).map(|unit| (unit * 1.5, 1.0)));
             rows.extend(spread(dimension, 8).map(|unit| (unit * 0.2, -1.0)));
             let k = |a: &Point, b: &Point| kernel.radial((a - b).norm()).value;
             let noise = (1e-3 / n.extent).powi(2);

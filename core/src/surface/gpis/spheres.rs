@@ -17,6 +17,9 @@ use crate::surface::prior::Prior;
 /// the enclosing sphere then being one extent away from the farthest contact; the surface f = 0
 /// needs no scale.
 ///
+/// A thin plate's range must be at least three times `outside`, and in single precision not much
+/// more: rounding grows with its cube, to 0.3 mm at a range of 6.5 and contact noise of 1 mm.
+///
 /// The extent is at least three times the largest point deviation, so that a single contact has one
 /// too. Points of the spheres have the largest point deviation of the contacts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,7 +40,7 @@ pub struct Spheres {
 impl Spheres {
     /// Twenty points outside and eight inside, for an object up to four times as long as thick.
     pub const FEW: Self = Spheres {
-        outside: 2.0,
+        outside: 1.5,
         inside: 0.2,
         outside_points: 20,
         inside_points: 8,
