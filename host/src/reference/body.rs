@@ -1,5 +1,5 @@
 //! A body of few parts as the mean of the Gaussian process: a ball or another quadric, cut by
-//! planes, or planes alone.
+//! planes, planes alone, or a superquadric.
 //!
 //! Most things that hands hold are a round body with a few flat ends: a can is a cylinder between
 //! two planes, a bottle an ellipsoid on a plane, a block planes alone. The body carries what many
@@ -12,6 +12,7 @@ use nalgebra::{Matrix3, SymmetricEigen};
 use super::gpis::Error;
 use super::mean::{Local, Mean};
 use super::{Contact, Prior};
+use crate::shape::superquadric;
 use crate::space::Point;
 
 mod fit;
@@ -81,6 +82,8 @@ pub enum Part {
     Prior(Prior),
     /// Ellipsoid, cylinder and what is between.
     Quadric(Quadric),
+    /// Between ellipsoid, box and cylinder (thesis 2.1).
+    Superquadric(superquadric::Form),
     /// Flat end.
     Plane(Plane),
 }
@@ -91,6 +94,7 @@ impl Part {
         match self {
             Part::Prior(prior) => (prior.value(p), prior.gradient(p)),
             Part::Quadric(quadric) => quadric.at(p),
+            Part::Superquadric(form) => form.distance(p),
             Part::Plane(plane) => (plane.normal.dot(p) - plane.offset, plane.normal),
         }
     }

@@ -60,11 +60,23 @@ pub struct Superquadric {
     form: Form,
     /// Of a [`Step`] from what was found.
     covariance: Covariance,
+    misfit: Misfit,
 }
 
-/// Sizes, exponents and pose.
+/// How a superquadric suits contacts.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Form {
+pub struct Misfit {
+    /// Sum of the squared deviations of points and normals.
+    pub chi_squared: f64,
+    /// Numbers observed less those sought.
+    pub degrees: f64,
+    /// Half the squared distance of sizes and exponents from likely ones, in deviations.
+    pub oddity: f64,
+}
+
+/// The shape alone: sizes, exponents and pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Form {
     /// a₁, a₂, a₃, metres.
     half: [f64; 3],
     /// ε₁ and ε₂.
@@ -128,6 +140,31 @@ impl Superquadric {
     /// From the superquadric's frame to that of the contacts.
     pub fn pose(&self) -> Pose {
         self.form.pose
+    }
+
+    /// Sizes, exponents and pose together.
+    pub fn form(&self) -> Form {
+        self.form
+    }
+
+    /// How it suits the contacts it was fitted to.
+    pub fn misfit(&self) -> Misfit {
+        self.misfit
+    }
+
+    /// The forms a little to both sides of the one found, along each number that makes it, with one
+    /// over the way from one to the other in standard deviations of what is believed of that number
+    /// before any contact: a factor of e for sizes, one for exponents, a radian for turns, the
+    /// object's size for shifts.
+    pub fn neighbours(&self) -> Vec<(Form, Form, f64)> {
+        let size = self.form.half.iter().fold(0.0, |size: f64, half| size.max(*half));
+        let free = |i: &usize| !self.form.planar || PLANAR.contains(i);
+        let neighbours = |i: usize| {
+            let deviation = if i < 8 { 1.0 } else { size };
+            let (more, less) = (self.form.nudged(i, NUDGE), self.form.nudged(i, -NUDGE));
+            (more, less, deviation / (2.0 * NUDGE))
+        };
+        (0..NUMBERS).filter(free).map(neighbours).collect()
     }
 
     /// Distance to the surface to first order, metres, negative inside. Exact on the surface, along
@@ -229,9 +266,9 @@ impl Form {
         form
     }
 
-    /// First-order distance, and the unit direction in which it grows; at the centre the least half
+    /// First-order distance, metres, and the unit direction in which it grows; at the centre the least half
     /// length and no direction.
-    fn distance(&self, p: &Point) -> (f64, Point) {
+    pub fn distance(&self, p: &Point) -> (f64, Point) {
         let local = self.pose.inverse() * Point3::from(*p);
         let [a, b, c] = self.half;
         let (s, by_x, by_y) = norm(local.x / a, local.y / b, 2.0 / self.exponents[1]);

@@ -43,7 +43,7 @@ struct Candidate {
 }
 
 /// The Matérn-3/2 surface that explains the contacts best: about a ball, about another quadric or
-/// one cut by flat faces, or about the polytope of the faces ([`Body`]), with the amplitude, the
+/// one cut by flat faces, about a superquadric, or about the polytope of the faces ([`Body`]), with the amplitude, the
 /// lengthscale and the factor on the contacts' noise that the contacts, and what suits most objects,
 /// make most plausible. `free` are points outside the object (fingertips that touched nothing).
 ///
@@ -95,6 +95,7 @@ fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
     });
     let others = [
         Body::quadric(dimension, contacts),
+        Body::superquadric(dimension, contacts),
         faces.as_ref().and_then(|faces| Body::cut(dimension, contacts, faces)),
         closed.and_then(|faces| Body::polytope(dimension, contacts, faces)),
     ];

@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector, Matrix3};
 
 use super::{Body, Mode, Part, Plane, Quadric};
 use crate::reference::{Contact, Faces, Prior};
+use crate::shape::superquadric::{Form, Superquadric};
 use crate::space::Point;
 
 /// What no body fits exactly: deviations added to the contacts', of the point in multiples of the
@@ -105,6 +106,25 @@ impl Body {
         }
         let measured = problem.measured() as f64;
         problem.body(&best).filter(|body| measured >= 3.0 * (measured - body.degrees))
+    }
+
+    /// The superquadric that fits best; `None` where [`Superquadric::fit`] finds none.
+    pub fn superquadric(dimension: usize, contacts: &[Contact]) -> Option<Body> {
+        let found = Superquadric::fit(dimension, contacts).ok()?;
+        let mode = |(more, less, scale): (Form, Form, f64)| Mode {
+            part: 0,
+            more: Part::Superquadric(more),
+            less: Part::Superquadric(less),
+            scale,
+        };
+        let misfit = found.misfit();
+        Some(Body {
+            parts: vec![Part::Superquadric(found.form())],
+            modes: found.neighbours().into_iter().map(mode).collect(),
+            oddity: misfit.oddity,
+            chi_squared: misfit.chi_squared,
+            degrees: misfit.degrees,
+        })
     }
 
     /// The polytope of all `faces`, closed or not. `None` without contacts or faces.
@@ -232,7 +252,7 @@ impl Problem {
             Part::Prior(Prior::Ball { centre, radius }) => {
                 Part::Prior(Prior::Ball { centre: moved(centre), radius: radius * self.radius })
             }
-            Part::Prior(_) => return None,
+            Part::Prior(_) | Part::Superquadric(_) => return None,
             Part::Quadric(q) => {
                 Part::Quadric(Quadric::new(moved(&q.centre), q.form / self.radius.powi(2))?)
             }

@@ -9,7 +9,7 @@ use std::f64::consts::FRAC_PI_4;
 
 use nalgebra::{Matrix3, Point3, Rotation3, SymmetricEigen, Translation3, UnitQuaternion, Vector3};
 
-use super::{Covariance, EXPONENTS, Error, Form, NUDGE, NUMBERS, PLANAR, Step, Superquadric};
+use super::{Covariance, EXPONENTS, Error, Form, Misfit, NUDGE, NUMBERS, PLANAR, Step, Superquadric};
 use crate::reference::Contact;
 use crate::space::{Point, Pose};
 
@@ -89,7 +89,8 @@ impl Superquadric {
         let (cost, form) = best.ok_or(Error::NoFit)?;
         let excess = (cost / (observed - sought).max(1) as f64).max(1.0);
         let covariance = whole.covariance(&form) * excess;
-        Ok(Superquadric { dimension, form, covariance })
+        let misfit = whole.misfit(&form, observed - sought);
+        Ok(Superquadric { dimension, form, covariance, misfit })
     }
 
     /// 2 or 3.
@@ -105,6 +106,18 @@ impl Problem<'_> {
             loss(value * value) + loss(turned.norm_squared())
         });
         contacts.sum::<f64>() + self.beliefs(form).iter().map(|(_, r)| r * r).sum::<f64>()
+    }
+
+    fn misfit(&self, form: &Form, degrees: usize) -> Misfit {
+        let square = |contact: &Contact| {
+            let (value, turned) = residuals(form, contact);
+            value * value + turned.norm_squared()
+        };
+        Misfit {
+            chi_squared: self.contacts.iter().map(square).sum(),
+            degrees: degrees as f64,
+            oddity: 0.5 * self.beliefs(form).iter().map(|(_, r)| r * r).sum::<f64>(),
+        }
     }
 
     /// Which number each belief is about, and its deviations from it.

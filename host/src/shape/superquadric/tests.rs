@@ -6,7 +6,8 @@ use proptest::prelude::*;
 
 fn superquadric(half: [f64; 3], exponents: [f64; 2], pose: Pose, dimension: usize) -> Superquadric {
     let form = Form { half, exponents, pose, planar: dimension == 2 };
-    Superquadric { dimension, form, covariance: Covariance::zeros() }
+    let misfit = Misfit { chi_squared: 0.0, degrees: 1.0, oddity: 0.0 };
+    Superquadric { dimension, form, covariance: Covariance::zeros(), misfit }
 }
 
 /// Exact contacts spread over a shape, off along the normal by up to `off` metres.
