@@ -4,7 +4,7 @@
 //! point. Those at one point form a *site* and share one evaluation of the kernel.
 
 use super::cholesky::{Lower, Sides};
-use super::panel::WIDTH;
+use super::panel::{GROUP, WIDTH};
 use super::radial::{Of, radials};
 use super::simd::{Simd, Work, run};
 use crate::reference::Kernel;
@@ -104,14 +104,12 @@ impl Sites {
         lower
     }
 
-    /// Covariance of every row with each of `others`, one side for each.
-    pub(super) fn cross(&self, kernel: &Kernel, others: &[Functional]) -> Sides {
-        let mut sides = Sides::zeros(self.rows(), others.len());
+    /// Covariance of every row with each of `others`, one side for each, into `sides`.
+    fn cross(&self, kernel: &Kernel, others: &[Functional], sides: &mut Sides) {
         let stride = sides.stride().max(1);
         for (others, to) in others.chunks(WIDTH).zip(sides.panels.chunks_exact_mut(stride)) {
             run(Cross { sites: self, kernel, of: Of::Kernel, others, to });
         }
-        sides
     }
 }
 
@@ -340,10 +338,16 @@ impl super::Cholesky {
     /// How much each functional of the field is explained by the rows: cᵀ K⁻¹ c with c its
     /// covariances with them and K what was factored.
     pub fn explained(&self, sites: &Sites, kernel: &Kernel, of: &[Functional]) -> Vec<f64> {
-        let mut sides = sites.cross(kernel, of);
-        self.forward_sides(&mut sides);
-        let mut squares = sides.squares();
-        squares.resize(of.len(), 0.0);
+        // One stretch of memory, used again and again.
+        let mut sides = Sides::zeros(self.rows(), of.len().min(GROUP * WIDTH));
+        let mut squares = Vec::with_capacity(of.len());
+        for of in of.chunks(GROUP * WIDTH) {
+            sites.cross(kernel, of, &mut sides);
+            self.forward_sides(&mut sides);
+            let first = squares.len();
+            squares.extend(sides.squares());
+            squares.resize(first + of.len(), 0.0);
+        }
         squares
     }
 }

@@ -292,7 +292,7 @@ impl Gpis {
             let explained = self.cholesky.explained(&self.sites, &self.kernel, &of);
             explained.into_iter().map(|e| (prior - e).max(0.0)).collect()
         };
-        points.par_chunks(BLOCK).flat_map_iter(block).collect()
+        points.par_chunks(4 * BLOCK).flat_map_iter(block).collect()
     }
 
     /// Planar fields ignore z.
