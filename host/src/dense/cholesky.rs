@@ -98,14 +98,7 @@ impl Sides {
     /// Sum of squares of each side, filled up to whole panels.
     pub(super) fn squares(&self) -> Vec<f64> {
         let mut sums = vec![0.0; self.panels.len() / self.stride().max(1) * WIDTH];
-        let panels = self.panels.chunks_exact(self.stride().max(1));
-        for (panel, sums) in panels.zip(sums.chunks_exact_mut(WIDTH)) {
-            for column in panel.chunks_exact(WIDTH) {
-                for (sum, x) in sums.iter_mut().zip(column) {
-                    *sum += x * x;
-                }
-            }
-        }
+        run(Squares { sides: self, to: &mut sums });
         sums
     }
 }
@@ -276,6 +269,34 @@ impl Work for Forward<'_> {
                 let diagonal = &reciprocals[j * WIDTH..(j + 1) * WIDTH];
                 for rows in group.chunks_exact_mut(stride) {
                     eliminate(s, rows, panel, diagonal, start * WIDTH, j * WIDTH);
+                }
+            }
+        }
+    }
+}
+
+struct Squares<'a> {
+    sides: &'a Sides,
+    to: &'a mut [f64],
+}
+
+impl Work for Squares<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with<S: Simd>(self, s: S) {
+        let panels = self.sides.panels.chunks_exact(self.sides.stride().max(1));
+        for (panel, to) in panels.zip(self.to.chunks_exact_mut(WIDTH)) {
+            for row in (0..WIDTH).step_by(3 * S::LANES) {
+                let mut sums = [s.splat(0.0); 3];
+                for column in panel.as_chunks::<WIDTH>().0 {
+                    for v in 0..3 {
+                        let x = s.load(&column[row + v * S::LANES..]);
+                        sums[v] = s.mul_add(x, x, sums[v]);
+                    }
+                }
+                for v in 0..3 {
+                    s.store(sums[v], &mut to[row + v * S::LANES..]);
                 }
             }
         }

@@ -6,7 +6,7 @@
 use nalgebra::DMatrix;
 
 use super::cholesky::{Lower, Sides};
-use super::panel::WIDTH;
+use super::panel::{GROUP, WIDTH};
 use super::radial::{Of, radials};
 use super::simd::{Simd, Work, run};
 use crate::reference::Kernel;
@@ -106,14 +106,12 @@ impl Sites {
         lower
     }
 
-    /// Covariance of every row with each of `others`, one side for each.
-    pub(super) fn cross(&self, kernel: &Kernel, others: &[Functional]) -> Sides {
-        let mut sides = Sides::zeros(self.rows(), others.len());
+    /// Covariance of every row with each of `others`, one side for each, into `sides`.
+    fn cross(&self, kernel: &Kernel, others: &[Functional], sides: &mut Sides) {
         let stride = sides.stride().max(1);
         for (others, to) in others.chunks(WIDTH).zip(sides.panels.chunks_exact_mut(stride)) {
             run(Cross { sites: self, kernel, of: Of::Kernel, others, to });
         }
-        sides
     }
 }
 
@@ -350,18 +348,24 @@ impl super::Cholesky {
         of: &[Functional],
         shared: (&DMatrix<f64>, &DMatrix<f64>),
     ) -> Vec<f64> {
-        let mut sides = sites.cross(kernel, of);
-        if shared.0.ncols() > 0 {
-            let more = shared.0 * shared.1;
-            for (side, column) in more.column_iter().enumerate() {
-                for (row, more) in column.iter().enumerate() {
-                    *sides.at(side, row) += more;
+        // One stretch of memory, used again and again.
+        let mut sides = Sides::zeros(self.rows(), of.len().min(GROUP * WIDTH));
+        let mut squares = Vec::with_capacity(of.len());
+        for of in of.chunks(GROUP * WIDTH) {
+            let first = squares.len();
+            sites.cross(kernel, of, &mut sides);
+            if shared.0.ncols() > 0 {
+                let more = shared.0 * shared.1.columns(first, of.len());
+                for (side, column) in more.column_iter().enumerate() {
+                    for (row, more) in column.iter().enumerate() {
+                        *sides.at(side, row) += more;
+                    }
                 }
             }
+            self.forward_sides(&mut sides);
+            squares.extend(sides.squares());
+            squares.resize(first + of.len(), 0.0);
         }
-        self.forward_sides(&mut sides);
-        let mut squares = sides.squares();
-        squares.resize(of.len(), 0.0);
         squares
     }
 }

@@ -427,7 +427,7 @@ impl Gpis {
             let own = modes.column_iter().map(|m| prior + m.norm_squared());
             explained.into_iter().zip(own).map(|(e, own)| (own - e).max(0.0)).collect()
         };
-        points.par_chunks(BLOCK).flat_map_iter(block).collect()
+        points.par_chunks(4 * BLOCK).flat_map_iter(block).collect()
     }
 
     /// Planar fields ignore z.

@@ -365,6 +365,7 @@ mod tests {
         match which {
             0 => Kernel::SquaredExponential { amplitude, lengthscale },
             1 => Kernel::Matern32 { amplitude, lengthscale },
+            2 => Kernel::Matern52 { amplitude, lengthscale },
             _ => Kernel::ThinPlate { amplitude, range: 0.6 },
         }
     }
@@ -377,7 +378,7 @@ mod tests {
         #[test]
         fn slopes_are_the_derivatives_of_the_likelihood(
             dimension in 2usize..=3,
-            which in 0usize..3,
+            which in 0usize..4,
             off_surface in any::<bool>(),
             draws in proptest::collection::vec(proptest::array::uniform5(0.0f64..1.0), 1..10),
             logs in (-4.5f64..-2.0, -3.5f64..-2.0, -0.5f64..0.5),

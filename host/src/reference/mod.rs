@@ -2,7 +2,8 @@
 //! surface when it extracts contours and meshes.
 //!
 //! Written from the mathematics, not from the core: the two share no code, so where they agree,
-//! both are likely right. Clarity goes before speed; only evaluation over many points is blocked.
+//! both are likely right. The surface does its linear algebra and its kernel sums in
+//! [`dense`](mod@crate::dense); [`cholesky`] and the tests hold plain versions against it.
 //!
 //! Thesis 2.2 (surface) and 3.3 (filter), with the corrections that each item names. f > 0 outside,
 //! f < 0 inside, scaled as a signed distance in metres; normals point out of the object; planar

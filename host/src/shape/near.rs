@@ -19,7 +19,7 @@ use super::lattice::{Lattice, Samples, values_at};
 const COARSE: usize = 4;
 
 /// How much steeper the field may be within a cell than between the nodes around it.
-const SAFETY: f64 = 2.0;
+const SAFETY: f64 = 1.5;
 
 /// A box of the lattice between two nodes; flat along axes the lattice does not have.
 #[derive(Clone, Copy)]
@@ -33,9 +33,12 @@ struct Cell {
 impl Cell {
     /// Its eight corners, some of them equal where it is flat.
     fn corners(&self) -> [[usize; 3]; 8] {
-        std::array::from_fn(|c| {
-            std::array::from_fn(|a| if c >> a & 1 == 0 { self.low[a] } else { self.high[a] })
-        })
+        let ([a, b, c], [x, y, z]) = (self.low, self.high);
+        let below = [[a, b, c], [x, b, c], [a, y, c], [x, y, c]];
+        let above = below.map(|[i, j, _]| [i, j, z]);
+        let [p, q, r, s] = below;
+        let [t, u, v, w] = above;
+        [p, q, r, s, t, u, v, w]
     }
 
     fn diagonal(&self) -> f64 {
