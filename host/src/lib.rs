@@ -11,6 +11,7 @@
 
 pub mod cli;
 pub mod experiment;
+pub mod experts;
 pub mod link;
 pub mod log;
 pub mod quantity;

@@ -402,7 +402,7 @@ fn diameter(observations: &[Observation]) -> f64 {
 
 impl Contact {
     /// What is wrong with it, if anything.
-    fn check(&self, dimension: usize) -> Result<(), &'static str> {
+    pub(crate) fn check(&self, dimension: usize) -> Result<(), &'static str> {
         let flat = |v: &Point| dimension == 3 || v.z == 0.0;
         if !(self.point.iter().all(|x| x.is_finite()) && flat(&self.point)) {
             return Err("the point must be finite, and z zero in the plane");

@@ -1,14 +1,16 @@
-//! From contacts at known poses to a surface: fitted faces where they suit, else the dense Gaussian
-//! process, its hyper-parameters by marginal likelihood, and the outline or mesh of its zero set.
+//! From contacts at known poses to a surface: fitted faces where they suit, else a Gaussian process,
+//! dense over few contacts and of local experts over many, its hyper-parameters by marginal
+//! likelihood, and the outline or mesh of its zero set.
 
 use nalgebra::{Matrix6, Vector6};
 
+use crate::experts::{self, Experts};
 use crate::log::GraspLog;
 use crate::reference::gpis::Error as SurfaceError;
-use crate::reference::hyper::Search;
+use crate::reference::hyper::{Found, Search};
 use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
 use crate::shape::lattice::LatticeError;
-use crate::shape::{Geometry, contour, surface};
+use crate::shape::{Field, Geometry, contour, surface};
 use crate::slam::choose::{self, Choice, Model, Refusal};
 use crate::slam::deviations;
 use crate::slam::track::Step;
@@ -42,21 +44,12 @@ pub enum Error {
     /// Not one contact in the log.
     #[error("no contacts: there is nothing to reconstruct")]
     NoContacts,
-    /// More contacts than a dense Gaussian process takes.
-    #[error(
-        "field `contacts`: expected at most {most} contacts with normals in the whole log, which \
-         make {} rows of a dense surface; found {rows} rows",
-        Gpis::MOST_ROWS
-    )]
-    TooMany {
-        /// Rows the log would make: one for every contact, one more per axis for its normal.
-        rows: usize,
-        /// Contacts with normals that fit.
-        most: usize,
-    },
     /// The Gaussian process cannot be fitted.
     #[error("surface: {0}")]
     Surface(#[from] SurfaceError),
+    /// Nor can the one of local experts.
+    #[error("surface: {0}")]
+    Experts(#[from] experts::Error),
     /// Faces were asked for and make no closed shape.
     #[error("faces: {0}")]
     Faces(Refusal),
@@ -73,45 +66,58 @@ const SPATIAL_CELLS: f64 = 40.0;
 /// Contacts that decide the hyper-parameters at most; the fit itself uses all.
 const DECIDING: usize = 150;
 
+/// Contacts that decide about faces at most, and that they are fitted to: the effort grows with the
+/// number of faces found, and each plane is known to a tenth of the noise by then.
+const FACED: usize = 1_000;
+
+/// Contacts that say at most which part of a zero set was touched.
+const VOTING: usize = 2_000;
+
+/// Contacts that a dense Gaussian process takes at most in the plane and in space; more make local
+/// experts, which are as accurate and from there on faster.
+const DENSE: [usize; 2] = [800, 400];
+
+/// Told how far long work is: experts fitted, and of how many. From any thread.
+pub type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
+
 /// Refuses a log that [`reconstruct()`] could not take, before anything long is begun.
 ///
 /// # Errors
-/// Without contacts, or with too many.
+/// Without contacts.
 pub fn check(log: &GraspLog) -> Result<(), Error> {
-    let contacts = log.grasps.iter().flat_map(|g| &g.contacts);
-    let rows: usize =
-        contacts.map(|c| 1 + if c.normal.is_some() { log.dimension } else { 0 }).sum();
-    match rows {
-        0 => Err(Error::NoContacts),
-        rows if rows > Gpis::MOST_ROWS => {
-            Err(Error::TooMany { rows, most: Gpis::MOST_ROWS / (1 + log.dimension) })
-        }
-        _ => Ok(()),
-    }
+    if log.grasps.iter().all(|g| g.contacts.is_empty()) { Err(Error::NoContacts) } else { Ok(()) }
 }
 
 /// Places every contact of the log by the steps' poses and reconstructs the object.
 ///
 /// # Errors
-/// Without contacts; when faces are asked for and leave the object open; when the contacts are too
-/// many or too coincident for a dense surface.
+/// Without contacts; when faces are asked for and leave the object open; when a contact has unusable
+/// numbers, or few are too coincident for a dense surface.
 pub fn reconstruct(
     log: &GraspLog,
     steps: &[Step],
     choice: Choice,
+    progress: Progress<'_>,
 ) -> Result<Reconstruction, Error> {
     let placed = place(log, steps);
     let contacts: Vec<Contact> = placed.iter().map(|p| p.contact).collect();
     if contacts.is_empty() {
         return Err(Error::NoContacts);
     }
+    let faced = evenly(&contacts, FACED);
     let polytope = match choice {
-        Choice::Auto => choose::judge(log.dimension, &contacts).ok(),
-        Choice::Faces => Some(choose::polytope(log.dimension, &contacts).map_err(Error::Faces)?),
+        Choice::Auto => choose::judge(log.dimension, &faced).ok(),
+        Choice::Faces => Some(choose::polytope(log.dimension, &faced).map_err(Error::Faces)?),
         Choice::Gp => None,
     };
     let (model, geometry, deviations) = match polytope {
         Some((faces, shape)) => (Model::Faces(faces), shape.geometry, shape.deviations),
+        None if contacts.len() > DENSE[usize::from(log.dimension == 3)] => {
+            let (kernel, experts) = fit_experts(log.dimension, &contacts)?;
+            experts.settle(progress);
+            let (geometry, deviations) = extract(log.dimension, &experts, &contacts)?;
+            (Model::Gp(kernel), geometry, deviations)
+        }
         None => {
             let (kernel, gpis) = fit(log.dimension, &contacts)?;
             let (geometry, deviations) = extract(log.dimension, &gpis, &contacts)?;
@@ -153,6 +159,11 @@ fn doubt(contact: Contact, covariance: &Matrix6<f64>) -> Contact {
     }
 }
 
+/// At most `most` contacts, taken evenly from all in their order.
+fn evenly(contacts: &[Contact], most: usize) -> Vec<Contact> {
+    contacts.iter().step_by(contacts.len().div_ceil(most).max(1)).copied().collect()
+}
+
 /// The Matérn-3/2 surface about a fitted ball, with the amplitude, the lengthscale and the factor on
 /// the contacts' noise that the contacts, and what suits most objects of the ball's radius, make
 /// most plausible.
@@ -160,6 +171,31 @@ fn doubt(contact: Contact, covariance: &Matrix6<f64>) -> Contact {
 /// # Errors
 /// As [`reconstruct`].
 pub fn fit(dimension: usize, contacts: &[Contact]) -> Result<(Kernel, Gpis), Error> {
+    let (prior, found) = plausible(dimension, contacts)?;
+    let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(found.noise)).collect();
+    let gpis = Gpis::fit(dimension, found.kernel, prior, Training::Derivative, &contacts)?;
+    Ok((found.kernel, gpis))
+}
+
+/// The same surface by local experts, for any number of contacts.
+///
+/// # Errors
+/// As [`reconstruct`].
+pub fn fit_experts(dimension: usize, contacts: &[Contact]) -> Result<(Kernel, Experts), Error> {
+    let (prior, found) = plausible(dimension, contacts)?;
+    let mut noise: Vec<f64> = contacts.iter().map(|c| c.point_deviation * found.noise).collect();
+    noise.sort_by(f64::total_cmp);
+    let usual = noise.get(noise.len() / 2).copied().unwrap_or_default();
+    let settings = experts::Settings::new(dimension, found.kernel, prior, usual);
+    let mut experts = Experts::new(settings)?;
+    for contact in contacts {
+        experts.insert(&contact.with_noise(found.noise))?;
+    }
+    Ok((found.kernel, experts))
+}
+
+/// Prior and hyper-parameters that suit the contacts best.
+fn plausible(dimension: usize, contacts: &[Contact]) -> Result<(Prior, Found), Error> {
     let Some(prior) = Prior::fitted(contacts) else {
         return Err(Error::NoContacts);
     };
@@ -167,21 +203,18 @@ pub fn fit(dimension: usize, contacts: &[Contact]) -> Result<(Kernel, Gpis), Err
         Prior::Ball { radius, .. } => radius,
         Prior::Constant(_) => Prior::LEAST_RADIUS,
     };
-    let stride = contacts.len().div_ceil(DECIDING);
-    let deciding: Vec<Contact> = contacts.iter().step_by(stride).copied().collect();
+    let deciding = evenly(contacts, DECIDING);
     // The search replaces both numbers of the family.
     let family = Kernel::Matern32 { amplitude: radius, lengthscale: radius };
     let search = Search::default();
     let found = search.run(dimension, family, prior, Training::Derivative, &deciding, radius)?;
-    let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(found.noise)).collect();
-    let gpis = Gpis::fit(dimension, found.kernel, prior, Training::Derivative, &contacts)?;
-    Ok((found.kernel, gpis))
+    Ok((prior, found))
 }
 
 /// The touched part of the zero set, in a box about the contacts that grows until it holds it.
 fn extract(
     dimension: usize,
-    gpis: &Gpis,
+    field: &dyn Field,
     contacts: &[Contact],
 ) -> Result<(Geometry, Vec<f64>), Error> {
     let points: Vec<Point> = contacts.iter().map(|c| c.point).collect();
@@ -190,6 +223,7 @@ fn extract(
     let high = points.iter().fold(first, |high, p| high.sup(p));
     let size = (high - low).amax().max(0.01);
     let cells = if dimension == 2 { PLANAR_CELLS } else { SPATIAL_CELLS };
+    let voters: Vec<Point> = evenly(contacts, VOTING).iter().map(|c| c.point).collect();
     let mut margin = 0.3 * size;
     loop {
         let reach = Point::repeat(margin);
@@ -197,15 +231,15 @@ fn extract(
         let spacing = size / cells;
         let last = margin > size;
         if dimension == 2 {
-            let contour = contour::extract(gpis, bounds, spacing)?;
+            let contour = contour::extract(field, bounds, spacing)?;
             if last || !contour.clipped {
-                let contour = contour.touched(&points);
+                let contour = contour.touched(&voters);
                 return Ok((Geometry::Outline(contour.outline), contour.deviations));
             }
         } else {
-            let surface = surface::extract(gpis, bounds, spacing)?;
+            let surface = surface::extract(field, bounds, spacing)?;
             if last || !surface.clipped {
-                let surface = surface.touched(&points);
+                let surface = surface.touched(&voters);
                 return Ok((Geometry::Mesh(surface.mesh), surface.deviations));
             }
         }
