@@ -17,7 +17,7 @@ use crate::space::Point;
 const FLOORS: [f64; 4] = [1e-9, 1e-7, 1e-5, 1e-3];
 
 /// A summary's gradient is left out where its variance exceeds this share of the prior's.
-const VAGUE: f64 = 0.25;
+const VAGUE: f64 = 0.06;
 
 /// One point and what is known there.
 #[derive(Clone, Copy, Debug)]

@@ -3,8 +3,8 @@
 //!
 //! # How it works
 //!
-//! 1. **Merging.** A contact joins a site if one is within a disc about as wide as the field bends
-//!    less than a sixteenth of a contact's noise ([`Site`](site::Site)); a site keeps additive
+//! 1. **Merging.** A contact joins a site if one is within a disc so small that the field bends
+//!    within it by a small share of a contact's noise ([`Site`](site::Site)); a site keeps additive
 //!    moments, and so costs the same for one contact or ten thousand. Where contacts are sparser
 //!    than that, every contact is a site and nothing is lost.
 //! 2. **Summaries.** Sites are summed up in cells of twice, four times, … the side
@@ -72,8 +72,10 @@ use site::{Moments, widest};
 /// standard deviations.
 const THICK: f64 = 5.0;
 
-/// The field may bend within a site by this share of a contact's standard deviation.
-const BENT: f64 = 1.0 / 16.0;
+/// The field may bend within a site by this share of a contact's standard deviation, in the plane
+/// and in space. An outline has so few sites that they can be close; on a surface the number grows
+/// as the share to the power −4/3.
+const BENT: [f64; 2] = [1.0 / 128.0, 1.0 / 32.0];
 
 /// A site is this much wider than the scatter of its contacts.
 const DISC: f64 = 2.0;
@@ -84,6 +86,10 @@ const WIDE: (f64, f64) = (8.0, 4.0);
 
 /// Most levels; a top cell is then a million million units wide.
 const LEVELS: i32 = 40;
+
+/// An expert that sees more than this many times the sites it takes near it has values only of what
+/// is farther away, which keeps its matrix small.
+const CROWD: f64 = 1.4;
 
 /// Points whose variance one task computes at one expert.
 const BLOCK: usize = 64;
@@ -110,17 +116,17 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// The usual numbers: 64 sites an expert (32 in the plane), 400 MB.
+    /// The usual numbers: 80 sites an expert (48 in the plane), 400 MB.
     pub fn new(dimension: usize, kernel: Kernel, prior: Prior, noise: f64) -> Settings {
-        let most = if dimension == 2 { 32 } else { 64 };
-        let reach = Settings::reach(&kernel, noise);
+        let most = if dimension == 2 { 48 } else { 80 };
+        let reach = Settings::reach(dimension, &kernel, noise);
         Settings { dimension, kernel, prior, noise, reach, most, memory: 400_000_000 }
     }
 
-    /// How close contacts merge: where the field bends by a sixteenth of their `noise` (metres) at
-    /// most, a standard deviation.
-    pub fn reach(kernel: &Kernel, noise: f64) -> f64 {
-        DISC * widest(kernel, length(kernel), (BENT * noise).powi(2))
+    /// How close contacts merge: where the field bends by a small share of their `noise` (metres),
+    /// one in 128 in the plane and one in 32 in space.
+    pub fn reach(dimension: usize, kernel: &Kernel, noise: f64) -> f64 {
+        DISC * widest(kernel, length(kernel), (BENT[usize::from(dimension == 3)] * noise).powi(2))
     }
 }
 
@@ -327,11 +333,16 @@ impl Experts {
             Some((_, expert)) if expert.sources == sources => expert,
             _ => {
                 let Settings { kernel, dimension, .. } = self.settings;
+                // Where sites are dense, their values say from afar what their normals would.
+                let crowded = sources.len() as f64 > CROWD * self.settings.most as f64;
                 let seen: Vec<_> = sources
                     .iter()
                     .map(|(source, _)| {
                         let near = matches!(source, Source::Near(_));
-                        (near, self.pyramid.moments(*source).observation(&kernel, dimension))
+                        let mut seen =
+                            self.pyramid.moments(*source).observation(&kernel, dimension);
+                        seen.slope = seen.slope.filter(|_| near || !crowded);
+                        (near, seen)
                     })
                     .collect();
                 Arc::new(Expert::fit(kernel, dimension, sources, &seen, &self.budget))

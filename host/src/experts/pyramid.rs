@@ -9,7 +9,7 @@ use crate::space::Point;
 /// A summary is taken for its contacts when its side is at most this many times the distance (along
 /// the axis where it is largest) from its middle to the expert's: the opening criterion of Barnes &
 /// Hut, "A hierarchical O(N log N) force-calculation algorithm", Nature 324 (1986).
-const OPENING: f64 = 0.7;
+const OPENING: f64 = 1.0;
 
 /// Least cosine between a contact's normal and a site's for the two to merge: sides of a thin wall,
 /// or of a sharp edge, stay apart.
