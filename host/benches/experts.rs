@@ -122,7 +122,7 @@ fn add_wide(bencher: Bencher<'_, '_>, count: usize) {
     add(bencher, count, true);
 }
 
-#[divan::bench(args = COUNTS, max_time = 3)]
+#[divan::bench(args = COUNTS, max_time = 2)]
 fn add_and_ask_grown(bencher: Bencher<'_, '_>, count: usize) {
     let (mut surface, axes) = (settled(count, false), axes(count, false));
     let mut next = count;
@@ -142,11 +142,9 @@ fn ask(bencher: Bencher<'_, '_>, count: usize, wide: bool, variance: bool, threa
     surface.variances(&points);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let batch = &points[..if variance { points.len() / 8 } else { points.len() }];
-    pool.install(|| {
-        bencher.counter(ItemsCount::new(batch.len())).bench(|| {
-            let points = black_box(batch);
-            if variance { surface.variances(points) } else { surface.means(points) }
-        });
+    bencher.counter(ItemsCount::new(batch.len())).bench_local(|| {
+        let points = black_box(batch);
+        pool.install(|| if variance { surface.variances(points) } else { surface.means(points) })
     });
 }
 
