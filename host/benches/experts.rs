@@ -20,6 +20,15 @@ const NOISE: f64 = 1e-3;
 const BATCH: usize = 4096;
 
 fn main() {
+    // Not when a test run only wants to see that it works.
+    if std::env::args().any(|a| a == "--bench") {
+        table();
+    }
+    divan::main();
+}
+
+/// Sizes, times and memory of whole surfaces.
+fn table() {
     for wide in [false, true] {
         for count in COUNTS {
             if wide && count > 10_000 {
@@ -41,7 +50,6 @@ fn main() {
             );
         }
     }
-    divan::main();
 }
 
 /// Peak resident memory as Linux tells it; not a number elsewhere.
