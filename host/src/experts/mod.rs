@@ -41,7 +41,11 @@
 //!
 //! What this one gives up: a site's contacts count as one at their mean, with a variance that
 //! grows by what the field may do between them; far contacts are seen blurred; and the mixture's
-//! variance is no posterior of one model. Against the dense process see the tests.
+//! variance is no posterior of one model. Against the dense process, on an ellipsoid of
+//! 120 × 60 × 80 mm with 1 mm and 5° of noise, in the band where the surface is sought: with 300
+//! contacts the means differ by 0.02 dense standard deviations (median; 0.23 at worst) and the
+//! standard deviations are 1.00 to 1.05 times as large; with 700 contacts, of which a few merge,
+//! by 0.06 (0.37), and 0.99 to 1.09 times.
 
 pub mod expert;
 pub mod grid;
