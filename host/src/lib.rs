@@ -12,6 +12,7 @@
 pub mod cli;
 pub mod dense;
 pub mod experiment;
+pub mod experts;
 pub mod link;
 pub mod log;
 pub mod quantity;

@@ -11,7 +11,7 @@ use tactile_core::space::{Planar, Spatial};
 use tactile_core::wire::WireSpace;
 
 use super::slam::{Input, TrackerKind};
-use super::{Error, say};
+use super::{Error, progress, say};
 use crate::link::qemu::Qemu;
 use crate::link::session::settings_for;
 use crate::link::tcp::Tcp;
@@ -104,8 +104,13 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
         TrackerKind::Bootstrap => "bootstrap on the board",
     };
     let title = input.title();
-    let provenance =
-        Provenance { title, tracker, surface: Choice::Auto, tracking_seconds: fed.seconds };
+    let provenance = Provenance {
+        title,
+        tracker,
+        surface: Choice::Auto,
+        tracking_seconds: fed.seconds,
+        progress: &progress,
+    };
     let outcome = conclude(log, truth.as_ref(), fed.steps, provenance)
         .map_err(|e| Error::Input(format!("{name}: {e}")))?;
     input.write(&outcome, &args.out)?;

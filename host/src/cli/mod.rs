@@ -97,3 +97,18 @@ pub fn say(text: impl std::fmt::Display) {
     use std::io::Write;
     let _ = writeln!(std::io::stdout(), "{text}");
 }
+
+/// Shows how far long work is on one line of standard error, if somebody is looking.
+pub fn progress(done: usize, all: usize) {
+    use std::io::{IsTerminal, Write};
+    let step = |done: usize| 20 * done / all.max(1);
+    if done == 0 || step(done) == step(done - 1) || !std::io::stderr().is_terminal() {
+        return;
+    }
+    // The last one wipes the line.
+    let mut line = format!("\rsurface: {done} of {all} local experts");
+    if done >= all {
+        line = format!("\r{:width$}\r", "", width = line.len());
+    }
+    let _ = std::io::stderr().write_all(line.as_bytes());
+}

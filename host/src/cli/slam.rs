@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 
-use crate::cli::{Error, say};
+use crate::cli::{Error, progress, say};
 use crate::log::GraspLog;
 use crate::shape::Geometry;
 use crate::slam::choose::Choice;
@@ -144,7 +144,13 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
         SurfaceKind::Faces => Choice::Faces,
         SurfaceKind::Gp => Choice::Gp,
     };
-    let provenance = Provenance { title: input.title(), tracker, surface, tracking_seconds };
+    let provenance = Provenance {
+        title: input.title(),
+        tracker,
+        surface,
+        tracking_seconds,
+        progress: &progress,
+    };
     let outcome = conclude(log, truth.as_ref(), steps, provenance)
         .map_err(|e| Error::Input(format!("{name}: {e}")))?;
     input.write(&outcome, &args.out)?;

@@ -39,7 +39,8 @@ fn evaluate(
     tracker: &str,
     surface: Choice,
 ) -> Option<Report> {
-    let provenance = Provenance { title: "", tracker, surface, tracking_seconds: 0.0 };
+    let provenance =
+        Provenance { title: "", tracker, surface, tracking_seconds: 0.0, progress: &|_, _| () };
     conclude(log, truth, steps, provenance).ok().map(|outcome| outcome.report)
 }
 

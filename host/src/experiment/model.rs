@@ -81,7 +81,7 @@ impl Model {
     pub fn reconstruct(&self, dimension: usize, contacts: &[Contact]) -> Option<Shape> {
         let ours = |choice| {
             let (_, geometry, deviations) =
-                reconstruct::shape(dimension, contacts, &[], choice).ok()?;
+                reconstruct::shape(dimension, contacts, &[], choice, &|_, _| {}).ok()?;
             Some(Shape { geometry, deviations })
         };
         match self {

@@ -240,7 +240,7 @@ fn one(truth: &Geometry, options: &Options) -> Result<Run, SimError> {
         let shape = shape?;
         metrics::compare_at(&shape, &align::align(&shape, truth), truth)
     };
-    let auto = reconstruct::shape(dimension, &contacts, &[], Choice::Auto).ok();
+    let auto = reconstruct::shape(dimension, &contacts, &[], Choice::Auto, &|_, _| {}).ok();
     let chosen = auto.as_ref().map(|(model, ..)| model.name() != Model::Gp.name());
     let auto = judge(auto.map(|(_, geometry, _)| geometry));
     let distances = MODELS.iter().map(|model| match model {

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use crate::experts::{self, Experts};
 use crate::reference::body::Body;
 use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::hyper::{Belief, Found, Search};
@@ -77,6 +78,30 @@ pub fn fit(dimension: usize, contacts: &[Contact], free: &[Free]) -> Result<(Ker
     let Found { kernel, noise, .. } = best.found;
     let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(noise)).collect();
     Ok((kernel, open(dimension, kernel, best.body, &contacts, free)?))
+}
+
+/// The same about a ball by local experts, for any number of contacts.
+///
+/// # Errors
+/// Without contacts, or when a contact's numbers are not usable.
+pub fn fit_experts(dimension: usize, contacts: &[Contact]) -> Result<(Kernel, Experts), Error> {
+    let Some(prior @ Prior::Ball { radius, .. }) = Prior::fitted(contacts) else {
+        return Err(Error::NoContacts);
+    };
+    let deciding = spread(contacts, DECIDING);
+    // The search replaces both numbers of the family.
+    let family = Kernel::Matern32 { amplitude: radius, lengthscale: radius };
+    let search = Search::default();
+    let found = search.run(dimension, family, prior, Training::Derivative, &deciding, radius)?;
+    let mut noise: Vec<f64> = contacts.iter().map(|c| c.point_deviation * found.noise).collect();
+    noise.sort_by(f64::total_cmp);
+    let usual = noise.get(noise.len() / 2).copied().unwrap_or_default();
+    let settings = experts::Settings::new(dimension, found.kernel, prior, usual);
+    let mut experts = Experts::new(settings)?;
+    for contact in contacts {
+        experts.insert(&contact.with_noise(found.noise))?;
+    }
+    Ok((found.kernel, experts))
 }
 
 /// Up to `most` contacts, evenly through the list.

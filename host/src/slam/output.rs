@@ -8,7 +8,7 @@ use crate::log::{GraspLog, TrueShape};
 use crate::shape::files::{self, FileError};
 use crate::shape::{Geometry, Outline, ShapeError, metrics};
 use crate::slam::choose::Choice;
-use crate::slam::reconstruct::{self, Reconstruction, reconstruct};
+use crate::slam::reconstruct::{self, Progress, Reconstruction, reconstruct};
 use crate::slam::track::Step;
 use crate::view::report::{JudgedGrasp, Report, Run, gauge, pose_errors};
 use crate::view::summary::{self, Summary};
@@ -55,7 +55,7 @@ pub struct Outcome {
 }
 
 /// How a run came about, for its report.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Provenance<'a> {
     /// Title of the picture.
     pub title: &'a str,
@@ -65,6 +65,8 @@ pub struct Provenance<'a> {
     pub surface: Choice,
     /// How long the tracker took, seconds.
     pub tracking_seconds: f64,
+    /// Told how far the reconstruction is, where it takes long.
+    pub progress: Progress<'a>,
 }
 
 /// Reconstructs the object from a log and the poses found for it, and judges both where the truth is
@@ -79,7 +81,7 @@ pub fn conclude(
     provenance: Provenance<'_>,
 ) -> Result<Outcome, reconstruct::Error> {
     let start = Instant::now();
-    let reconstruction = reconstruct(log, &steps, provenance.surface)?;
+    let reconstruction = reconstruct(log, &steps, provenance.surface, provenance.progress)?;
     let seconds =
         [("track", provenance.tracking_seconds), ("surface", start.elapsed().as_secs_f64())];
     let grasps = judged(log, &steps);

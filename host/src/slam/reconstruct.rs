@@ -1,15 +1,17 @@
-//! From contacts at known poses to a surface: fitted faces where they suit, else the dense Gaussian
-//! process, its hyper-parameters by marginal likelihood, and the outline or mesh of its zero set.
+//! From contacts at known poses to a surface: fitted faces where they suit, else a Gaussian process,
+//! dense over few contacts and of local experts over many, its hyper-parameters by marginal
+//! likelihood, and the outline or mesh of its zero set.
 
 use nalgebra::{Matrix3x6, Matrix6, Vector6};
 
+use crate::experts;
 use crate::log::GraspLog;
 use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::{Contact, Gpis};
 use crate::shape::lattice::LatticeError;
 use crate::shape::{Field, Geometry, contour, surface};
 use crate::slam::choose::{self, Choice, Model, Refusal};
-use crate::slam::fit::fit;
+use crate::slam::fit::{fit, fit_experts};
 use crate::slam::free::Free;
 use crate::slam::track::Step;
 use crate::slam::{deviations, usual_deviations};
@@ -43,21 +45,12 @@ pub enum Error {
     /// Not one contact in the log.
     #[error("no contacts: there is nothing to reconstruct")]
     NoContacts,
-    /// More contacts than a dense Gaussian process takes.
-    #[error(
-        "field `contacts`: expected at most {most} contacts with normals in the whole log, which \
-         make {} rows of a dense surface; found {rows} rows",
-        Gpis::MOST_ROWS
-    )]
-    TooMany {
-        /// Rows the log would make: one for every contact, one more per axis for its normal.
-        rows: usize,
-        /// Contacts with normals that fit.
-        most: usize,
-    },
     /// The Gaussian process cannot be fitted.
     #[error("surface: {0}")]
     Surface(#[from] SurfaceError),
+    /// Nor can the one of local experts.
+    #[error("surface: {0}")]
+    Experts(#[from] experts::Error),
     /// Faces were asked for and make no closed shape.
     #[error("faces: {0}")]
     Faces(Refusal),
@@ -71,44 +64,52 @@ pub enum Error {
 const PLANAR_CELLS: f64 = 120.0;
 const SPATIAL_CELLS: f64 = 40.0;
 
+/// Contacts that decide about faces at most, and that they are fitted to: the effort grows with the
+/// number of faces found, and each plane is known to a tenth of the noise by then.
+const FACED: usize = 1_000;
+
+/// Contacts that say at most which part of a zero set was touched.
+const VOTING: usize = 2_000;
+
+/// Contacts that a dense Gaussian process takes at most in the plane and in space; more make local
+/// experts, which are as accurate and from there on faster.
+const DENSE: [usize; 2] = [800, 400];
+
+/// Told how far long work is: experts fitted, and of how many. From any thread.
+pub type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
+
 /// Refuses a log that [`reconstruct()`] could not take, before anything long is begun.
 ///
 /// # Errors
-/// Without contacts, or with too many.
+/// Without contacts.
 pub fn check(log: &GraspLog) -> Result<(), Error> {
-    let contacts = log.grasps.iter().flat_map(|g| &g.contacts);
-    let rows: usize =
-        contacts.map(|c| 1 + if c.normal.is_some() { log.dimension } else { 0 }).sum();
-    match rows {
-        0 => Err(Error::NoContacts),
-        rows if rows > Gpis::MOST_ROWS => {
-            Err(Error::TooMany { rows, most: Gpis::MOST_ROWS / (1 + log.dimension) })
-        }
-        _ => Ok(()),
-    }
+    if log.grasps.iter().all(|g| g.contacts.is_empty()) { Err(Error::NoContacts) } else { Ok(()) }
 }
 
 /// Places every contact of the log by the steps' poses and reconstructs the object.
 ///
 /// # Errors
-/// Without contacts; when faces are asked for and leave the object open; when the contacts are too
-/// many or too coincident for a dense surface.
+/// Without contacts; when faces are asked for and leave the object open; when a contact has unusable
+/// numbers, or few are too coincident for a dense surface.
 pub fn reconstruct(
     log: &GraspLog,
     steps: &[Step],
     choice: Choice,
+    progress: Progress<'_>,
 ) -> Result<Reconstruction, Error> {
     let placed = place(log, steps);
     let contacts: Vec<Contact> = placed.iter().map(|p| p.contact).collect();
     if contacts.is_empty() {
         return Err(Error::NoContacts);
     }
-    let (model, geometry, deviations) = shape(log.dimension, &contacts, &free(log, steps), choice)?;
+    let free = free(log, steps);
+    let (model, geometry, deviations) =
+        shape(log.dimension, &contacts, &free, choice, progress)?;
     Ok(Reconstruction { geometry, deviations, contacts: placed, model })
 }
 
-/// The shape of contacts and free points in the object frame: the model chosen, outline or mesh, and the standard
-/// deviation at each of its vertices, metres.
+/// The shape of contacts and free points in the object frame: the model chosen, outline or mesh, and
+/// the standard deviation at each of its vertices, metres.
 ///
 /// # Errors
 /// As [`reconstruct()`].
@@ -117,14 +118,22 @@ pub fn shape(
     contacts: &[Contact],
     free: &[Free],
     choice: Choice,
+    progress: Progress<'_>,
 ) -> Result<(Model, Geometry, Vec<f64>), Error> {
+    let faced = evenly(contacts, FACED);
     let polytope = match choice {
-        Choice::Auto => choose::judge(dimension, contacts).ok(),
-        Choice::Faces => Some(choose::polytope(dimension, contacts).map_err(Error::Faces)?),
+        Choice::Auto => choose::judge(dimension, &faced).ok(),
+        Choice::Faces => Some(choose::polytope(dimension, &faced).map_err(Error::Faces)?),
         Choice::Gp => None,
     };
     if let Some((faces, shape)) = polytope {
         return Ok((Model::Faces(faces), shape.geometry, shape.deviations));
+    }
+    if contacts.len() > DENSE[usize::from(dimension == 3)] {
+        let (kernel, experts) = fit_experts(dimension, contacts)?;
+        experts.settle(progress);
+        let (geometry, deviations) = extract(dimension, &experts, contacts)?;
+        return Ok((Model::Gp(kernel), geometry, deviations));
     }
     let (kernel, gpis) = fit(dimension, contacts, free)?;
     let (geometry, deviations) = extract(dimension, &gpis, contacts)?;
@@ -184,13 +193,18 @@ pub fn free(log: &GraspLog, steps: &[Step]) -> Vec<Free> {
     free
 }
 
+/// At most `most` contacts, taken evenly from all in their order.
+fn evenly(contacts: &[Contact], most: usize) -> Vec<Contact> {
+    contacts.iter().step_by(contacts.len().div_ceil(most).max(1)).copied().collect()
+}
+
 /// The touched part of the zero set, in a box about the contacts that grows until it holds it.
 ///
 /// # Errors
 /// Without contacts, or when the contacts span no usable volume.
 pub fn extract(
     dimension: usize,
-    gpis: &dyn Field,
+    field: &dyn Field,
     contacts: &[Contact],
 ) -> Result<(Geometry, Vec<f64>), Error> {
     let points: Vec<Point> = contacts.iter().map(|c| c.point).collect();
@@ -199,6 +213,7 @@ pub fn extract(
     let high = points.iter().fold(first, |high, p| high.sup(p));
     let size = (high - low).amax().max(0.01);
     let cells = if dimension == 2 { PLANAR_CELLS } else { SPATIAL_CELLS };
+    let voters: Vec<Point> = evenly(contacts, VOTING).iter().map(|c| c.point).collect();
     let mut margin = 0.3 * size;
     loop {
         let reach = Point::repeat(margin);
@@ -206,15 +221,15 @@ pub fn extract(
         let spacing = size / cells;
         let last = margin > size;
         if dimension == 2 {
-            let contour = contour::extract(gpis, bounds, spacing)?;
+            let contour = contour::extract(field, bounds, spacing)?;
             if last || !contour.clipped {
-                let contour = contour.touched(&points);
+                let contour = contour.touched(&voters);
                 return Ok((Geometry::Outline(contour.outline), contour.deviations));
             }
         } else {
-            let surface = surface::extract(gpis, bounds, spacing)?;
+            let surface = surface::extract(field, bounds, spacing)?;
             if last || !surface.clipped {
-                let surface = surface.touched(&points);
+                let surface = surface.touched(&voters);
                 return Ok((Geometry::Mesh(surface.mesh), surface.deviations));
             }
         }

@@ -201,6 +201,19 @@ fn true_poses_give_the_true_shape() {
     assert!(figure(&estimated, "/pose/rms_translation_mm") > 0.0);
 }
 
+#[test]
+fn more_contacts_than_a_dense_surface_takes_are_no_obstacle() {
+    let place = Place::new();
+    let touch = "--touch uniform --contacts 1000 --grasps 8 --seed 4";
+    place.tactile(&format!("simulate --object ellipse:120mmx60mm {touch} -o e.jsonl")).done();
+    let printed = place.tactile("slam e.jsonl --poses truth --out e --json").done().json();
+    let report = results(&place, "e", &printed);
+    assert_eq!((&report["contacts"], &report["surface"]["model"]), (&8000.into(), &"gp".into()));
+    // A millimetre of noise, averaged away.
+    assert!(figure(&report, "/surface/hausdorff_aligned_mm") < 0.7, "{report}");
+    assert!(figure(&report, "/surface/mean_mm") < 0.15, "{report}");
+}
+
 /// A push file of a block at changing poses, touched at the middle of its lower edge and along it.
 fn pushes(count: usize) -> String {
     let mut text = format!("{count}\n");
