@@ -76,6 +76,7 @@ pub fn fit(dimension: usize, contacts: &[Contact], free: &[Free]) -> Result<(Ker
         best = Candidate::new(dimension, &deciding, radius, best.body, best.search)?;
     }
     let Found { kernel, noise, .. } = best.found;
+    let noise = noise * exactness(dimension, contacts);
     let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(noise)).collect();
     Ok((kernel, open(dimension, kernel, best.body, &contacts, free)?))
 }
@@ -110,9 +111,21 @@ fn spread(contacts: &[Contact], most: usize) -> Vec<Contact> {
     contacts.iter().step_by(stride).copied().collect()
 }
 
+/// By how much the likelihood understates the contacts' noise: a normal of length 1 has no noise
+/// along itself, so one of its rows is exact, which a common factor takes for less noise in all.
+fn exactness(dimension: usize, contacts: &[Contact]) -> f64 {
+    let exact = contacts.iter().filter(|c| c.normal.is_some()).count() as f64;
+    let rows = contacts.len() as f64 + dimension as f64 * exact;
+    (rows / (rows - exact).max(1.0)).sqrt()
+}
+
 /// What the process may be about, the ball first, with what is believed of the rest.
 fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
-    let residual = Search { amplitude: RESIDUAL, ..Search::default() };
+    let usual = Search::default();
+    let honest = 1.0 / exactness(dimension, contacts);
+    let noise = usual.noise.map(|belief| Belief { mode: belief.mode * honest, ..belief });
+    let usual = Search { noise, ..usual };
+    let residual = Search { amplitude: RESIDUAL, ..usual };
     let faces = Faces::fit(dimension, contacts);
     let closed = faces.as_ref().filter(|faces| {
         let (centre, farthest) = farthest(contacts);
@@ -124,7 +137,7 @@ fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
         faces.as_ref().and_then(|faces| Body::cut(dimension, contacts, faces)),
         closed.and_then(|faces| Body::polytope(dimension, contacts, faces)),
     ];
-    let ball = Body::ball(dimension, contacts).map(|body| (body, Search::default()));
+    let ball = Body::ball(dimension, contacts).map(|body| (body, usual));
     let others = others.into_iter().flatten().map(|body| (body, residual));
     ball.into_iter().chain(others).collect()
 }
