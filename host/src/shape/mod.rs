@@ -2,11 +2,14 @@
 //! and the distances between them.
 
 pub mod align;
+pub mod arrangement;
+pub mod boundary;
 pub mod contour;
 pub mod files;
 pub mod lattice;
 pub mod mesh;
 pub mod metrics;
+pub mod min_cut;
 pub mod outline;
 pub mod polytope;
 pub mod surface;

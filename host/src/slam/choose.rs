@@ -1,10 +1,10 @@
 //! Which surface model suits the contacts: fitted faces where every sign says that the object is a
 //! convex polytope, the Gaussian process otherwise.
 
-use crate::reference::faces::Faces;
+use crate::reference::faces::{Face, Faces, Owner};
 use crate::reference::{Contact, Kernel};
 use crate::shape::Geometry;
-use crate::shape::polytope::{Polytope, intersect};
+use crate::shape::polytope::{Polytope, assemble, closures};
 use crate::space::Point;
 
 /// What the user wants.
@@ -24,8 +24,9 @@ pub enum Choice {
 pub enum Model {
     /// The Gaussian process, with the kernel that explained the contacts best.
     Gp(Kernel),
-    /// A convex polytope.
-    Faces(Faces),
+    /// Flat faces, in the frame of the contacts they were fitted to; answers how uncertain the
+    /// surface is anywhere on them ([`crate::shape::Field`]).
+    Faces(Box<Polytope>),
 }
 
 impl Model {
@@ -67,11 +68,13 @@ pub enum Refusal {
         /// From how many contacts.
         contacts: usize,
     },
-    /// A contact lies outside another face.
-    #[error("the contacts show a concavity: one lies {deviations:.1} deviations outside a face")]
-    Concave {
-        /// [`Faces::protrusion`].
-        deviations: f64,
+    /// No union of cells between the faces has the surface that the contacts show.
+    #[error("{unexplained} of {contacts} contacts do not lie on the surface that the faces make")]
+    Unexplained {
+        /// Contacts whose own face is no part of the surface where they lie.
+        unexplained: usize,
+        /// With normals.
+        contacts: usize,
     },
     /// The normals turn within faces.
     #[error("the surface is curved: normals turn within faces by {deviations:.1} deviations")]
@@ -104,28 +107,57 @@ const MISFIT_DEVIATIONS: f64 = 2.0;
 /// Deviations of bending that flat faces do not show: once in a hundred.
 const BENT: f64 = 2.3;
 
-/// Most faces per contact. With fewer than 2.5 contacts a face, some sides have likely been missed, and
-/// its neighbours then meet far outside the object.
-const SHARE: f64 = 0.4;
+/// Most faces per contact: fewer contacts a face fit anything.
+const SHARE: f64 = 0.45;
 
 /// Farthest that a corner may lie from every contact, in distances from the contacts' centre to the
 /// farthest of them. The neighbours of a missed side of a hexagon meet at 1, of an octagon at 0.7; the
-/// corners of rectangles and triangles with 2.5 contacts a side lie at 0.2 to 0.5.
+/// corners of rectangles and triangles with 2.5 contacts a side lie at 0.2 to 0.5. Where every face has
+/// its counterpart no side was missed.
 const UNTOUCHED: f64 = 0.6;
 
-/// A shape is closed when it reaches no further from the contacts' centre than this many times the
-/// farthest contact.
-const REACH: f64 = 2.0;
+/// Most contacts that the shape may leave unexplained, as a share.
+const UNEXPLAINED: f64 = 0.06;
 
-/// The polytope of the faces, whatever it fits like.
+/// Deviations from its own face, where that is part of the surface, at which a contact is unexplained.
+const FAR: f64 = 4.0;
+
+/// Normals less certain than this (radians, median) fit any polytope: where the poses are in doubt,
+/// χ² has nothing to say.
+const DOUBT: f64 = 0.2;
+
+/// Faces that the contacts show, and the shape they make, whatever it fits like. Sides that nobody
+/// touched are closed at the outermost contacts where the faces leave them open or meet far away.
+/// `free` are points known to be outside; all in the object frame.
 ///
 /// # Errors
-/// When no contact has a normal, or the faces leave the object open.
-pub fn polytope(dimension: usize, contacts: &[Contact]) -> Result<(Faces, Polytope), Refusal> {
+/// When no contact has a normal, or the faces enclose nothing.
+pub fn polytope(
+    dimension: usize,
+    contacts: &[Contact],
+    free: &[Point],
+) -> Result<(Faces, Polytope), Refusal> {
     let faces = Faces::fit(dimension, contacts).ok_or(Refusal::NoNormals)?;
-    let (centre, farthest) = farthest(contacts);
-    let open = Refusal::Open { faces: faces.faces.len(), contacts: contacts.len() };
-    let polytope = intersect(&faces, &centre, REACH * farthest).ok_or(open)?;
+    let faces = faces.simplified(contacts).regular(contacts);
+    let limit = UNTOUCHED * farthest(contacts);
+    let closings = closures(&faces, contacts);
+    let near = |p: &Polytope| closings.is_empty() || untouched(p, contacts) <= limit;
+    let closed = |closing: &[Face]| assemble(&faces, contacts, free, closing);
+    let plain = closed(&[]);
+    let polytope = match plain {
+        Some(polytope) if near(&polytope) => Some(polytope),
+        // One plane where that suffices, else all.
+        wide => closings
+            .chunks(1)
+            .filter_map(|one| closed(one).filter(|p| near(p)))
+            .min_by(|a, b| untouched(a, contacts).total_cmp(&untouched(b, contacts)))
+            .or_else(|| closed(&closings))
+            .or(wide),
+    };
+    let polytope = polytope.ok_or(Refusal::Open {
+        faces: faces.faces.len(),
+        contacts: contacts.iter().filter(|c| c.normal.is_some()).count(),
+    })?;
     Ok((faces, polytope))
 }
 
@@ -133,24 +165,31 @@ pub fn polytope(dimension: usize, contacts: &[Contact]) -> Result<(Faces, Polyto
 ///
 /// # Errors
 /// Says which sign speaks against it.
-pub fn judge(dimension: usize, contacts: &[Contact]) -> Result<(Faces, Polytope), Refusal> {
-    let (faces, polytope) = polytope(dimension, contacts)?;
-    let (count, felt) = (faces.faces.len(), faces.faces.iter().map(|f| f.contacts).sum());
+pub fn judge(
+    dimension: usize,
+    contacts: &[Contact],
+    free: &[Point],
+) -> Result<(Faces, Polytope), Refusal> {
     let doubt = doubt(contacts);
-    if doubt > DOUBT {
+    if doubt.is_finite() && doubt > DOUBT {
         return Err(Refusal::Doubtful { degrees: doubt.to_degrees() });
     }
-    if !faces.is_convex() {
-        return Err(Refusal::Concave { deviations: faces.protrusion });
-    }
+    let (faces, polytope) = polytope(dimension, contacts, free)?;
+    let felt = contacts.iter().filter(|c| c.normal.is_some()).count();
+    let count = polytope.touched_planes();
     if count as f64 > SHARE * felt as f64 {
         return Err(Refusal::Few { faces: count, contacts: felt });
     }
     if faces.bending > BENT {
         return Err(Refusal::Curved { deviations: faces.bending });
     }
+    let unexplained = unexplained(&faces, &polytope, contacts);
+    if unexplained as f64 > UNEXPLAINED * felt as f64 {
+        return Err(Refusal::Unexplained { unexplained, contacts: felt });
+    }
     let distance = untouched(&polytope, contacts);
-    if distance > UNTOUCHED * farthest(contacts).1 {
+    let paired = closures(&faces, contacts).is_empty();
+    if distance > UNTOUCHED * farthest(contacts) && !paired {
         return Err(Refusal::Untouched { distance });
     }
     let per_degree = faces.chi_squared / faces.degrees.max(1.0);
@@ -161,10 +200,6 @@ pub fn judge(dimension: usize, contacts: &[Contact]) -> Result<(Faces, Polytope)
     Ok((faces, polytope))
 }
 
-/// Normals less certain than this (radians, median) fit any polytope: where the poses are in doubt,
-/// χ² has nothing to say.
-const DOUBT: f64 = 0.2;
-
 /// Median standard deviation of the contacts' normals, radians; infinite without any.
 fn doubt(contacts: &[Contact]) -> f64 {
     let felt = contacts.iter().filter(|c| c.normal.is_some());
@@ -173,10 +208,10 @@ fn doubt(contacts: &[Contact]) -> f64 {
     deviations.get(deviations.len() / 2).copied().unwrap_or(f64::INFINITY)
 }
 
-/// The contacts' centre, and the distance from there to the farthest, metres.
-fn farthest(contacts: &[Contact]) -> (Point, f64) {
+/// The distance from the contacts' centre to the farthest, metres.
+fn farthest(contacts: &[Contact]) -> f64 {
     let centre = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len().max(1) as f64;
-    (centre, contacts.iter().map(|c| (c.point - centre).norm()).fold(0.0, f64::max))
+    contacts.iter().map(|c| (c.point - centre).norm()).fold(0.0, f64::max)
 }
 
 /// The greatest distance from a corner to its nearest contact, metres.
@@ -191,6 +226,21 @@ fn untouched(polytope: &Polytope, contacts: &[Contact]) -> f64 {
         contacts.iter().map(|c| (c.point - corner).norm()).fold(f64::INFINITY, f64::min)
     };
     corners.iter().map(nearest).fold(0.0, f64::max)
+}
+
+/// Contacts that lie off every face they belong to, as far as that is surface.
+fn unexplained(faces: &Faces, polytope: &Polytope, contacts: &[Contact]) -> usize {
+    let lost = |(contact, owner): &(&Contact, &Option<Owner>)| {
+        let Some(owner) = owner else { return contact.normal.is_some() };
+        owner.faces().iter().any(|face| {
+            let variance =
+                contact.point_deviation.powi(2) + polytope.planes[*face].variance(&contact.point);
+            polytope
+                .nearest(&contact.point, Some(*face))
+                .is_none_or(|(.., distance)| distance > FAR * variance.sqrt())
+        })
+    };
+    contacts.iter().zip(&faces.owners).filter(lost).count()
 }
 
 #[cfg(test)]
@@ -226,7 +276,7 @@ mod tests {
 
     #[test]
     fn a_touched_rectangle_is_faces() {
-        let (faces, polytope) = judge(2, &along(&RECTANGLE, 4)).unwrap();
+        let (faces, polytope) = judge(2, &along(&RECTANGLE, 4), &[]).unwrap();
         assert_eq!(faces.faces.len(), 4);
         let Geometry::Outline(outline) = polytope.geometry else { panic!() };
         assert!((outline.area() - 0.0072).abs() < 1e-4);
@@ -235,20 +285,33 @@ mod tests {
     #[test]
     fn what_may_be_something_else_is_refused() {
         let contacts = along(&RECTANGLE, 4);
-        assert!(matches!(judge(2, &contacts[..12]), Err(Refusal::Open { faces: 3, contacts: 12 })));
-        assert!(matches!(judge(2, &along(&RECTANGLE, 2)), Err(Refusal::Few { faces: 4, .. })));
+        assert!(matches!(judge(2, &contacts[..4], &[]), Err(Refusal::Open { .. })));
         let bare: Vec<_> = contacts.iter().map(|c| Contact { normal: None, ..*c }).collect();
-        assert_eq!(judge(2, &bare).unwrap_err(), Refusal::NoNormals);
-        // A hexagon without one side: its neighbours meet far outside.
-        let turn = |i: usize| (i as f64 * std::f64::consts::FRAC_PI_3).sin_cos();
-        let hexagon: Vec<[f64; 2]> = (0..6).map(|i| [45.0 * turn(i).1, 45.0 * turn(i).0]).collect();
-        let missed = judge(2, &along(&hexagon, 4)[..20]);
-        assert!(matches!(missed, Err(Refusal::Untouched { distance }) if distance > 0.04));
+        assert_eq!(judge(2, &bare, &[]).unwrap_err(), Refusal::NoNormals);
+        let vague: Vec<_> =
+            contacts.iter().map(|c| Contact { normal_deviation: 0.3, ..*c }).collect();
+        assert!(matches!(judge(2, &vague, &[]), Err(Refusal::Doubtful { .. })));
         let circle: Vec<[f64; 2]> = (0..36)
             .map(|i| (f64::from(i) * 10f64.to_radians()).sin_cos())
             .map(|(sin, cos)| [40.0 * cos, 40.0 * sin])
             .collect();
-        assert!(matches!(judge(2, &along(&circle, 2)), Err(Refusal::Curved { .. })));
+        assert!(judge(2, &along(&circle, 2), &[]).is_err());
+    }
+
+    #[test]
+    fn an_untouched_side_is_closed_at_the_contacts() {
+        // A hexagon without one side: its neighbours would meet far outside.
+        let turn = |i: usize| (i as f64 * std::f64::consts::FRAC_PI_3).sin_cos();
+        let hexagon: Vec<[f64; 2]> = (0..6).map(|i| [45.0 * turn(i).1, 45.0 * turn(i).0]).collect();
+        for corners in [&hexagon[..], &RECTANGLE] {
+            let contacts = along(corners, 4);
+            let (_, polytope) = judge(2, &contacts[..4 * (corners.len() - 1)], &[]).unwrap();
+            let bounds =
+                |points: &[[f64; 2]]| points.iter().map(|v| v[0].hypot(v[1])).fold(0.0, f64::max);
+            let Geometry::Outline(outline) = &polytope.geometry else { panic!() };
+            assert!(bounds(&outline.loops[0]) < 1.05e-3 * bounds(corners));
+            assert!(polytope.deviations.iter().any(|d| *d > 3e-3));
+        }
     }
 
     #[test]
@@ -264,11 +327,15 @@ mod tests {
             [-10.0, 10.0],
         ];
         let ell = [[0.0, 0.0], [80.0, 0.0], [80.0, 30.0], [30.0, 30.0], [30.0, 90.0], [0.0, 90.0]];
-        for corners in [&tee[..], &ell[..]] {
+        for (corners, area) in [(&tee[..], 3200e-6), (&ell[..], 4200e-6)] {
             let contacts = along(corners, 4);
-            let faces = Faces::fit(2, &contacts).unwrap();
-            assert!(!faces.is_convex() && faces.protrusion > 10.0);
-            assert!(judge(2, &contacts).is_err());
+            let (faces, polytope) = judge(2, &contacts, &[]).unwrap();
+            assert!(!faces.is_convex());
+            let Geometry::Outline(outline) = polytope.geometry else { panic!() };
+            assert!((outline.area() / area - 1.0).abs() < 0.06, "{}", outline.area());
+            for c in &contacts {
+                assert!(outline.distance(&c.point) < 3e-3);
+            }
         }
     }
 }

@@ -105,13 +105,19 @@ pub fn reconstruct(
     if contacts.is_empty() {
         return Err(Error::NoContacts);
     }
+    let free = free(log, steps);
     let polytope = match choice {
-        Choice::Auto => choose::judge(log.dimension, &contacts).ok(),
-        Choice::Faces => Some(choose::polytope(log.dimension, &contacts).map_err(Error::Faces)?),
+        Choice::Auto => choose::judge(log.dimension, &contacts, &free).ok(),
+        Choice::Faces => {
+            Some(choose::polytope(log.dimension, &contacts, &free).map_err(Error::Faces)?)
+        }
         Choice::Gp => None,
     };
     let (model, geometry, deviations) = match polytope {
-        Some((faces, shape)) => (Model::Faces(faces), shape.geometry, shape.deviations),
+        Some((_, shape)) => {
+            let (geometry, deviations) = (shape.geometry.clone(), shape.deviations.clone());
+            (Model::Faces(Box::new(shape)), geometry, deviations)
+        }
         None => {
             let (kernel, gpis) = fit(log.dimension, &contacts)?;
             let (geometry, deviations) = extract(log.dimension, &gpis, &contacts)?;
@@ -135,6 +141,15 @@ pub fn place(log: &GraspLog, steps: &[Step]) -> Vec<Placed> {
         }
     }
     placed
+}
+
+/// The log's free points in the object frame.
+fn free(log: &GraspLog, steps: &[Step]) -> Vec<Point> {
+    let placed = log.grasps.iter().zip(steps).flat_map(|(logged, step)| {
+        let to_object = step.pose.inverse();
+        logged.free.iter().map(move |f| (to_object * nalgebra::Point3::from(f.point)).coords)
+    });
+    placed.collect()
 }
 
 /// The contact with the uncertainty of its pose added.
