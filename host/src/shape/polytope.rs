@@ -45,6 +45,10 @@ const CLEAR: f64 = 2.0;
 /// A closing plane is wanted where no face has a normal within this of its own (50°), as a cosine.
 const OPPOSED: f64 = 0.64;
 
+/// A face reaches the outermost contacts when it passes this close, as a share of the contacts' extent
+/// across it.
+const FAR_SIDE: f64 = 0.05;
+
 /// How uncertain a closing plane is, as a share of the contacts' extent across it.
 const CLOSED: f64 = 0.2;
 
@@ -126,27 +130,28 @@ pub fn assemble(
     Some(polytope)
 }
 
-/// Planes for sides that were not touched: opposite to the faces that have no counterpart, at the
-/// outermost contacts.
+/// Planes for sides that were not touched, at the outermost contacts: opposite to those faces on whose
+/// other side no face turned about the same way reaches out as far as contacts do.
 pub fn closures(faces: &Faces, contacts: &[Contact]) -> Vec<Face> {
     let closure = |face: &Face| {
         let normal = -face.normal;
-        let along = |p: &&Point| normal.dot(p);
-        let outermost =
-            contacts.iter().map(|c| &c.point).max_by(|a, b| along(a).total_cmp(&along(b)));
-        let innermost = contacts.iter().map(|c| normal.dot(&c.point)).fold(f64::INFINITY, f64::min);
-        let centroid = outermost.copied().unwrap_or(face.centroid);
-        let offset = normal.dot(&centroid);
-        Face {
+        let along = |c: &&Contact| normal.dot(&c.point);
+        let outermost = contacts.iter().max_by(|a, b| along(a).total_cmp(&along(b)))?;
+        let innermost = contacts.iter().map(|c| along(&c)).fold(f64::INFINITY, f64::min);
+        let offset = along(&outermost);
+        let reached = FAR_SIDE * (offset - innermost) + 4.0 * outermost.point_deviation;
+        let opposite =
+            |f: &Face| f.normal.dot(&normal) > OPPOSED && f.value(&outermost.point) < reached;
+        (!faces.faces.iter().any(opposite)).then(|| Face {
             normal,
             offset,
-            centroid,
+            centroid: outermost.point,
             offset_variance: (CLOSED * (offset - innermost)).powi(2),
             contacts: 0,
             ..*face
-        }
+        })
     };
-    faces.faces.iter().filter(|face| lonely(faces, face)).map(closure).collect()
+    faces.faces.iter().filter_map(closure).collect()
 }
 
 /// What decides which cells are inside.
@@ -309,10 +314,6 @@ fn main_part(arrangement: &Arrangement, inside: &[bool], evidence: &[f64]) -> Ve
     best.1
 }
 
-fn lonely(faces: &Faces, face: &Face) -> bool {
-    faces.faces.iter().all(|f| f.normal.dot(&face.normal) > -OPPOSED)
-}
-
 impl Polytope {
     /// How many planes with contacts the surface has.
     pub fn touched_planes(&self) -> usize {
@@ -354,11 +355,19 @@ impl Field for Polytope {
         points.iter().map(signed).collect()
     }
 
-    /// Of the face that the nearest point of the surface lies on.
+    /// Of the face that the nearest point of the surface lies on; near an edge, of the less certain one.
     fn deviations(&self, points: &[Point]) -> Vec<f64> {
         let deviation = |p: &Point| {
-            let found = self.nearest(p, None);
-            found.map_or(f64::INFINITY, |(j, closest, _)| self.variance(j, &closest).sqrt())
+            let Some((plane, closest, distance)) = self.nearest(p, None) else {
+                return f64::INFINITY;
+            };
+            let own = self.variance(plane, &closest);
+            let reach = distance + own.sqrt();
+            let near = |(_, corners): &&(usize, [Point; 3])| {
+                (boundary::closest(&closest, corners) - closest).norm() < reach
+            };
+            let others = self.pieces.iter().filter(near).map(|(j, _)| self.variance(*j, &closest));
+            others.fold(own, f64::max).sqrt()
         };
         points.iter().map(deviation).collect()
     }

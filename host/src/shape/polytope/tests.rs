@@ -1,4 +1,5 @@
 use super::*;
+use proptest::prelude::*;
 
 const ELL: [[f64; 2]; 6] =
     [[0.0, 0.0], [80.0, 0.0], [80.0, 30.0], [30.0, 30.0], [30.0, 90.0], [0.0, 90.0]];
@@ -152,6 +153,17 @@ fn an_open_side_is_closed_at_the_contacts_and_uncertain() {
 }
 
 #[test]
+fn an_open_end_is_closed_though_another_face_looks_the_same_way() {
+    // The left end of the crossbar; the stem's left side has the same normal.
+    let open: Vec<Contact> = along(&TEE).into_iter().filter(|c| c.point.x > -0.0499).collect();
+    assert!(shape(2, &open, false).is_none());
+    let polytope = shape(2, &open, true).unwrap();
+    let outermost = open.iter().map(|c| c.point.x).fold(1.0, f64::min);
+    assert!((planar(&polytope).bounds().0.x - outermost).abs() < 1e-9);
+    assert_eq!(planar(&polytope).loops[0].len(), 8);
+}
+
+#[test]
 fn points_known_to_be_outside_stay_outside() {
     // A U whose bottom was not touched from inside: the free point says that there is a gap.
     let corners = [
@@ -200,4 +212,28 @@ fn the_field_is_the_distance_and_each_face_has_its_own_deviation() {
     let expected = 1e-3 / (polytope.planes[plane].contacts as f64).sqrt();
     let found = polytope.deviations(&[polytope.planes[plane].centroid])[0];
     assert!((found / expected - 1.0).abs() < 0.1, "{found} {expected}");
+}
+
+proptest! {
+    /// Tangent planes of a sphere, well spread or not: where they make a shape, its mesh is closed and
+    /// outward, and every vertex lies on three planes.
+    #[test]
+    fn whatever_comes_out_is_closed_and_sharp(
+        normals in prop::collection::vec(prop::array::uniform3(-1.0f64..1.0), 4..14),
+    ) {
+        let normals = normals.into_iter().filter_map(|n| Point::from(n).try_normalize(0.1));
+        let contacts: Vec<Contact> = normals.map(|n| contact(n * 0.05, n)).collect();
+        let Some(faces) = Faces::fit(3, &contacts) else { return Ok(()) };
+        for closing in [vec![], closures(&faces, &contacts)] {
+            let Some(polytope) = assemble(&faces, &contacts, &[], &closing) else { continue };
+            let mesh = spatial(&polytope);
+            prop_assert!(mesh.is_watertight() && mesh.volume() > 0.0);
+            for v in mesh.vertices() {
+                let on = polytope.planes.iter().filter(|f| f.value(v).abs() < 1e-9).count();
+                prop_assert!(on >= 3);
+            }
+            prop_assert_eq!(polytope.deviations.len(), mesh.vertices().len());
+            prop_assert!(polytope.deviations.iter().all(|d| d.is_finite() && *d > 0.0));
+        }
+    }
 }
