@@ -52,7 +52,7 @@ pub enum TrackerKind {
 /// Surface models on offer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SurfaceKind {
-    /// Fitted faces where the contacts show a closed convex polytope, else the Gaussian process
+    /// Fitted faces where the contacts show flat ones that close, else the Gaussian process
     Auto,
     /// Fitted faces: planes that meet in sharp edges; refused where they leave the object open
     Faces,

@@ -7,6 +7,13 @@
 //! costs no more than noise would; contacts are then handed to the face that suits them best, and
 //! merging is tried again. The prototype's greedy clustering (expectation–maximisation from contacts
 //! in order of arrival) depends on that order; this does not.
+//!
+//! Fingers also touch where faces meet, and feel any normal between theirs there: [`edges`] tells such
+//! contacts from faces of their own. What people make has parallel and square faces: [`regular`] finds
+//! out which of them are.
+
+pub mod edges;
+pub mod regular;
 
 use nalgebra::{Matrix3, SymmetricEigen};
 
@@ -53,6 +60,15 @@ impl Moments {
             scatter: Matrix3::zeros(),
             normals: normal * normal_weight,
             normal_weight,
+        }
+    }
+
+    /// Of a contact that only says where the surface is.
+    fn bare(contact: &Contact) -> Moments {
+        Moments {
+            normals: Point::zeros(),
+            normal_weight: 0.0,
+            ..Moments::of(contact, Point::zeros())
         }
     }
 
@@ -168,6 +184,28 @@ impl Face {
     }
 }
 
+/// What explains a contact.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Owner {
+    /// It lies on this face and has its normal.
+    Face(usize),
+    /// It lies on both faces, its normal anywhere between theirs.
+    Edge([usize; 2]),
+    /// It lies on three faces, its normal anywhere between theirs.
+    Corner([usize; 3]),
+}
+
+impl Owner {
+    /// The faces it lies on.
+    pub fn faces(&self) -> &[usize] {
+        match self {
+            Owner::Face(face) => std::slice::from_ref(face),
+            Owner::Edge(faces) => faces,
+            Owner::Corner(faces) => faces,
+        }
+    }
+}
+
 /// The faces of an object.
 #[derive(Clone, Debug)]
 pub struct Faces {
@@ -175,6 +213,9 @@ pub struct Faces {
     pub dimension: usize,
     /// In no particular order; not empty.
     pub faces: Vec<Face>,
+    /// What explains each contact that was given; `None` without a normal, unless a face is all that
+    /// it can lie on.
+    pub owners: Vec<Option<Owner>>,
     /// Sum of the contacts' costs.
     pub chi_squared: f64,
     /// Measured numbers less fitted ones: the expectation of [`Faces::chi_squared`] on flat faces.
@@ -220,13 +261,33 @@ impl Faces {
             merge(&mut groups, gate);
             faces = solved(&groups, dimension);
         }
-        let owners: Vec<usize> =
-            felt.iter().map(|(c, n)| nearest(&faces, c, n)).collect::<Option<_>>()?;
-        let chi_squared = felt.iter().zip(&owners).map(|((c, n), o)| faces[*o].cost(c, n)).sum();
-        let (bending, protrusion) =
-            (bending(&felt, &owners, &faces), protrusion(&felt, &owners, &faces));
-        let degrees = (dimension * felt.len()) as f64 - (dimension * faces.len()) as f64;
-        Some(Faces { dimension, faces, chi_squared, degrees, bending, protrusion })
+        let owner = |c: &Contact| Some(Owner::Face(nearest(&faces, c, &c.normal?)?));
+        let owners = contacts.iter().map(owner).collect();
+        Some(Faces::explaining(dimension, contacts, faces, owners))
+    }
+
+    /// Faces and what they explain, with the figures that follow from them.
+    fn explaining(
+        dimension: usize,
+        contacts: &[Contact],
+        faces: Vec<Face>,
+        owners: Vec<Option<Owner>>,
+    ) -> Faces {
+        let own = |(contact, owner): (&Contact, &Option<Owner>)| Some((*contact, (*owner)?));
+        let owned: Vec<(Contact, Owner)> = contacts.iter().zip(&owners).filter_map(own).collect();
+        let chi_squared = owned.iter().map(|(c, o)| edges::cost(&faces, c, o)).sum();
+        let measured: usize =
+            owned.iter().map(|(c, _)| if c.normal.is_some() { dimension } else { 1 }).sum();
+        let degrees = measured as f64 - (dimension * faces.len()) as f64;
+        let felt: Vec<(Contact, Point, usize)> = owned
+            .iter()
+            .filter_map(|(c, owner)| match owner {
+                Owner::Face(face) => Some((*c, c.normal?, *face)),
+                _ => None,
+            })
+            .collect();
+        let (bending, protrusion) = (bending(&felt, &faces), protrusion(&felt, &faces));
+        Faces { dimension, faces, owners, chi_squared, degrees, bending, protrusion }
     }
 
     /// Whether no contact contradicts a convex object.
@@ -306,17 +367,19 @@ fn merge(groups: &mut Vec<Moments>, gate: f64) {
 /// See [`Faces::bending`]. Along each principal axis e of a face's contacts, Σ(a·e)(N·e)/σ_θ² over
 /// its standard deviation is N(0, 1) on a flat face; axes count alike, so that the straight lines of
 /// a cylinder do not hide its round ones.
-fn bending(felt: &[(Contact, Point)], owners: &[usize], faces: &[Face]) -> f64 {
+fn bending(felt: &[(Contact, Point, usize)], faces: &[Face]) -> f64 {
     let (mut sum, mut axes) = (0.0, 0.0_f64);
     for (number, face) in faces.iter().enumerate() {
-        let own: Vec<_> =
-            felt.iter().zip(owners).filter(|(_, o)| **o == number).map(|(f, _)| f).collect();
-        let weights: Vec<f64> = own.iter().map(|(c, _)| c.normal_deviation.powi(-2)).collect();
+        let own: Vec<_> = felt.iter().filter(|(_, _, owner)| *owner == number).collect();
+        if own.is_empty() {
+            continue;
+        }
+        let weights: Vec<f64> = own.iter().map(|(c, ..)| c.normal_deviation.powi(-2)).collect();
         let total: f64 = weights.iter().sum();
         let centre: Point =
-            own.iter().zip(&weights).map(|((c, _), w)| c.point * *w).sum::<Point>() / total;
+            own.iter().zip(&weights).map(|((c, ..), w)| c.point * *w).sum::<Point>() / total;
         let tangent = Matrix3::identity() - face.normal * face.normal.transpose();
-        let arms: Vec<Point> = own.iter().map(|(c, _)| tangent * (c.point - centre)).collect();
+        let arms: Vec<Point> = own.iter().map(|(c, ..)| tangent * (c.point - centre)).collect();
         let spread: Matrix3<f64> =
             arms.iter().zip(&weights).map(|(a, w)| a * a.transpose() * *w).sum();
         let eigen = SymmetricEigen::new(spread);
@@ -325,7 +388,7 @@ fn bending(felt: &[(Contact, Point)], owners: &[usize], faces: &[Face]) -> f64 {
                 let turned: f64 = own
                     .iter()
                     .zip(arms.iter().zip(&weights))
-                    .map(|((_, n), (a, w))| w * a.dot(&e) * n.dot(&e))
+                    .map(|((_, n, _), (a, w))| w * a.dot(&e) * n.dot(&e))
                     .sum();
                 sum += turned / value.sqrt();
                 axes += 1.0;
@@ -336,9 +399,9 @@ fn bending(felt: &[(Contact, Point)], owners: &[usize], faces: &[Face]) -> f64 {
 }
 
 /// See [`Faces::protrusion`].
-fn protrusion(felt: &[(Contact, Point)], owners: &[usize], faces: &[Face]) -> f64 {
+fn protrusion(felt: &[(Contact, Point, usize)], faces: &[Face]) -> f64 {
     let mut worst: f64 = 0.0;
-    for ((contact, _), owner) in felt.iter().zip(owners) {
+    for (contact, _, owner) in felt {
         for (number, face) in faces.iter().enumerate() {
             if number != *owner {
                 let variance = contact.point_deviation.powi(2) + face.variance(&contact.point);

@@ -198,7 +198,7 @@ fn glam(p: &Point) -> Vector {
 }
 
 /// The n-th point of the additive recurrence of the plastic number in the unit square.
-fn plastic(n: usize) -> (f64, f64) {
+pub(super) fn plastic(n: usize) -> (f64, f64) {
     const RATIO: f64 = 1.324_717_957_244_746;
     let n = n as f64;
     ((0.5 + n / RATIO).fract(), (0.5 + n / (RATIO * RATIO)).fract())

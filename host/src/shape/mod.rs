@@ -2,12 +2,15 @@
 //! and the distances between them.
 
 pub mod align;
+pub mod arrangement;
+pub mod boundary;
 pub mod cloud;
 pub mod contour;
 pub mod files;
 pub mod lattice;
 pub mod mesh;
 pub mod metrics;
+pub mod min_cut;
 pub mod nagata;
 mod near;
 pub mod occupancy;

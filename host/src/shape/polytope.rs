@@ -1,266 +1,377 @@
-//! Convex shapes with sharp corners: the intersection of half-spaces, as an outline or a mesh whose
-//! vertices are exactly where the planes meet.
+//! Shapes with flat faces and sharp edges, convex or not: which cells between the fitted planes are
+//! inside.
+//!
+//! The planes cut a box around the contacts into convex cells ([`Arrangement`]). Each contact says that
+//! the cell just below it is inside and the one just above it outside; free points are outside; surface
+//! far from all contacts of its plane is unlikely in proportion to its area. The labelling of least cost
+//! is a minimum cut (Chauve, Labatut and Pons, CVPR 2010; Nan and Wonka's PolyFit, ICCV 2017, solves a
+//! harder form by integer programming). Its boundary is closed by construction and its vertices are
+//! exactly where the planes meet. Planar objects are prisms between z = ±reach.
 
-use std::collections::HashMap;
-
-use super::{Geometry, Mesh, Outline};
-use crate::reference::faces::{Face, Faces};
+use super::arrangement::{Arrangement, Facet};
+use super::boundary::{self, Side};
+use super::min_cut::Graph;
+use super::{Field, Geometry};
+use crate::reference::Contact;
+use crate::reference::faces::{Face, Faces, Owner};
 use crate::space::Point;
 
-/// A closed convex shape.
+/// A closed shape of flat faces.
 #[derive(Clone, Debug)]
 pub struct Polytope {
     /// Outline, or watertight mesh with outward triangles.
     pub geometry: Geometry,
     /// Standard deviation of each vertex along the mean of the normals that meet there, metres.
     pub deviations: Vec<f64>,
+    /// The planes: the fitted faces in their order, then those that close untouched sides (of no
+    /// contacts).
+    pub planes: Vec<Face>,
+    /// Triangles (in the plane: edges, as a, b, b) with the plane each lies in.
+    pub pieces: Vec<(usize, [Point; 3])>,
+    /// Where it was touched.
+    touched: Vec<Point>,
 }
 
-/// Which plane a facet or edge lies in: a face, or a side of the region that was started from.
-type Plane = Option<usize>;
+/// What a contact weighs that the shape contradicts: −ln of the share of wild contacts, 2 %.
+const EVIDENCE: f64 = 4.0;
 
-/// Intersects the half-spaces n·p ≤ ρ of the faces. `None` when they leave the shape open (it would
-/// reach further than `reach` metres from `centre`) or when nothing is inside all of them.
-pub fn intersect(faces: &Faces, centre: &Point, reach: f64) -> Option<Polytope> {
-    if !(reach > 0.0 && reach.is_finite() && centre.iter().all(|x| x.is_finite())) {
+/// What as much surface without contacts costs as is expected to have one: 1 if touches were spread
+/// evenly, less because hands do not reach everywhere.
+const GHOST: f64 = 0.3;
+
+/// Deviations from the border of its facet from which on a contact counts in full.
+const CLEAR: f64 = 2.0;
+
+/// A closing plane is wanted where no face has a normal within this of its own (50°), as a cosine.
+const OPPOSED: f64 = 0.64;
+
+/// A face reaches the outermost contacts when it passes this close, as a share of the contacts' extent
+/// across it.
+const FAR_SIDE: f64 = 0.05;
+
+/// How uncertain a closing plane is, as a share of the contacts' extent across it.
+const CLOSED: f64 = 0.2;
+
+/// How far a face may bend or end between the contacts and a point, as a share of their distance.
+const UNSURE: f64 = 0.03;
+
+/// Most planes: cells grow with the cube.
+pub const MOST_PLANES: usize = 28;
+
+/// Samples of a facet that decide how much of it is near contacts.
+const SAMPLES: usize = 12;
+
+/// How far the box reaches, in distances from the contacts' centre to the farthest of them.
+const REACH: f64 = 2.0;
+
+/// The shape that suits the contacts that `faces` was fitted to (`contacts` in the same order) and the
+/// points known to be outside, cut by the planes `closing` too (see [`closures`]).
+///
+/// `None` when planes are too many, when nothing is inside, when its edges touch each other, and when it
+/// reaches the box: it is open.
+pub fn assemble(
+    faces: &Faces,
+    contacts: &[Contact],
+    free: &[Point],
+    closing: &[Face],
+) -> Option<Polytope> {
+    let touched: Vec<Point> = contacts.iter().map(|c| c.point).collect();
+    let centre = touched.iter().sum::<Point>() / touched.len().max(1) as f64;
+    let reach = REACH * touched.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max);
+    if !(reach > 0.0 && reach.is_finite() && contacts.len() == faces.owners.len()) {
         return None;
     }
-    if faces.dimension == 2 {
-        polygon(&faces.faces, centre, reach)
+    let mut planes = faces.faces.clone();
+    planes.extend_from_slice(closing);
+    if planes.len() > MOST_PLANES {
+        return None;
+    }
+    let mut arrangement = Arrangement::cube(&centre, reach);
+    for plane in &planes {
+        arrangement.cut(&plane.normal, plane.offset)?;
+    }
+    let scene = Scene { faces, planes: &planes, contacts, arrangement: &arrangement };
+    let inside = scene.inside(free);
+    let mut sides: Vec<Side> = Vec::new();
+    for facet in &arrangement.facets {
+        let front = facet.front.is_some_and(|c| inside[c]);
+        if inside[facet.back] == front || scene.is_cap(facet) {
+            continue;
+        }
+        let mut ring = facet.ring.clone();
+        if front {
+            ring.reverse();
+        }
+        sides.push(Side { plane: facet.plane?, flipped: front, ring });
+    }
+    let shape = if faces.dimension == 2 {
+        boundary::outline(&arrangement.vertices, &sides)?
     } else {
-        polyhedron(&faces.faces, centre, reach)
-    }
+        boundary::mesh(&arrangement.vertices, &sides)?
+    };
+    let mut polytope = Polytope {
+        geometry: shape.geometry,
+        deviations: vec![],
+        planes,
+        pieces: shape.pieces,
+        touched,
+    };
+    let deviation = |(vertex, meeting): (&Point, &Vec<(usize, bool)>)| {
+        // A vertex moves by e_j along the normal of each plane j that meets there, so along their
+        // sum m by Σe_j/|m|.
+        let normal = |(j, flipped): &(usize, bool)| {
+            polytope.planes[*j].normal * if *flipped { -1.0 } else { 1.0 }
+        };
+        let sum: Point = meeting.iter().map(normal).sum();
+        let variance: f64 = meeting.iter().map(|(j, _)| polytope.variance(*j, vertex)).sum();
+        variance.sqrt() / sum.norm().max(0.1)
+    };
+    polytope.deviations = shape.vertices.iter().zip(&shape.meeting).map(deviation).collect();
+    Some(polytope)
 }
 
-/// A vertex moves by e_j along the normal of each plane j that meets there, so along their sum m by
-/// Σe_j/|m|.
-fn deviation(faces: &[Face], meeting: &[usize], vertex: &Point) -> f64 {
-    let sum: Point = meeting.iter().map(|j| faces[*j].normal).sum();
-    let variance: f64 = meeting.iter().map(|j| faces[*j].variance(vertex)).sum();
-    variance.sqrt() / sum.norm().max(1e-6)
+/// Planes for sides that were not touched, at the outermost contacts: opposite to those faces on whose
+/// other side no face turned about the same way reaches out as far as contacts do.
+pub fn closures(faces: &Faces, contacts: &[Contact]) -> Vec<Face> {
+    let closure = |face: &Face| {
+        let normal = -face.normal;
+        let along = |c: &&Contact| normal.dot(&c.point);
+        let outermost = contacts.iter().max_by(|a, b| along(a).total_cmp(&along(b)))?;
+        let innermost = contacts.iter().map(|c| along(&c)).fold(f64::INFINITY, f64::min);
+        let offset = along(&outermost);
+        let reached = FAR_SIDE * (offset - innermost) + 4.0 * outermost.point_deviation;
+        let opposite =
+            |f: &Face| f.normal.dot(&normal) > OPPOSED && f.value(&outermost.point) < reached;
+        (!faces.faces.iter().any(opposite)).then(|| Face {
+            normal,
+            offset,
+            centroid: outermost.point,
+            offset_variance: (CLOSED * (offset - innermost)).powi(2),
+            contacts: 0,
+            ..*face
+        })
+    };
+    faces.faces.iter().filter_map(closure).collect()
 }
 
-/// The share of the way from a (inside, value ≤ 0) to b (outside) at which the value is zero.
-fn crossing(a: Point, value_a: f64, b: Point, value_b: f64) -> Point {
-    a + (b - a) * (value_a / (value_a - value_b))
+/// What decides which cells are inside.
+struct Scene<'a> {
+    faces: &'a Faces,
+    planes: &'a [Face],
+    contacts: &'a [Contact],
+    arrangement: &'a Arrangement,
 }
 
-fn polygon(faces: &[Face], centre: &Point, reach: f64) -> Option<Polytope> {
-    // Vertices with the plane of the edge that starts there.
-    let corner = |x: f64, y: f64| (centre + Point::new(x, y, 0.0) * reach, None);
-    let mut ring: Vec<(Point, Plane)> =
-        vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
-    for (number, face) in faces.iter().enumerate() {
-        let mut kept = Vec::with_capacity(ring.len() + 1);
-        for (i, (a, plane)) in ring.iter().enumerate() {
-            let (b, _) = ring[(i + 1) % ring.len()];
-            let (value_a, value_b) = (face.value(a), face.value(&b));
-            match (value_a <= 0.0, value_b <= 0.0) {
-                (true, true) => kept.push((*a, *plane)),
-                (true, false) => {
-                    kept.push((*a, *plane));
-                    kept.push((crossing(*a, value_a, b, value_b), Some(number)));
+impl Scene<'_> {
+    fn inside(&self, free: &[Point]) -> Vec<bool> {
+        let arrangement = self.arrangement;
+        let mut graph = Graph::new(arrangement.cells.len());
+        let mut evidence = vec![0.0; arrangement.cells.len()];
+        let (spacing, unit) = self.spacing();
+        for facet in arrangement.facets.iter().filter(|f| !self.is_cap(f)) {
+            let area = self.area(facet) / unit * GHOST;
+            match (facet.plane, facet.front) {
+                (Some(plane), Some(front)) => {
+                    let bare = area * (1.0 - self.covered(facet, plane, spacing));
+                    // Seen from the wrong side, no contact supports it.
+                    graph.connect(facet.back, front, bare, 2.0 * area);
                 }
-                (false, true) => kept.push((crossing(b, value_b, *a, value_a), *plane)),
-                (false, false) => {}
+                _ => graph.to_sink(facet.back, area),
             }
         }
-        ring = kept;
+        for (contact, owner) in self.contacts.iter().zip(&self.faces.owners) {
+            // Contacts on edges have cells on all sides.
+            let Some(Owner::Face(plane)) = owner else { continue };
+            let normal = self.planes[*plane].normal;
+            let clear = |f: &&Facet| arrangement.clearance(f, &normal, &contact.point);
+            let on = arrangement.facets.iter().filter(|f| f.plane == Some(*plane));
+            let Some(facet) = on.max_by(|a, b| clear(a).total_cmp(&clear(b))) else { continue };
+            let share = (clear(&facet) / (CLEAR * contact.point_deviation)).clamp(0.05, 1.0);
+            graph.from_source(facet.back, EVIDENCE * share);
+            evidence[facet.back] += share;
+            if let Some(front) = facet.front {
+                graph.to_sink(front, EVIDENCE * share);
+            }
+        }
+        let noise = self.contacts.iter().map(|c| c.point_deviation).fold(f64::INFINITY, f64::min);
+        for point in free {
+            let Some(cell) = arrangement.cell_at(point) else { continue };
+            let depth =
+                self.planes.iter().map(|f| f.value(point).abs()).fold(f64::INFINITY, f64::min);
+            graph.to_sink(cell, EVIDENCE * (depth / (2.0 * CLEAR * noise) - 0.5).clamp(0.0, 1.0));
+        }
+        main_part(arrangement, &graph.cut().1, &evidence)
     }
-    let planes: Vec<usize> = ring.iter().map(|(_, plane)| *plane).collect::<Option<_>>()?;
-    let outline = Outline::new(vec![ring.iter().map(|(p, _)| [p.x, p.y]).collect()]).ok()?;
-    // Where vertices coincided, the outline has fewer.
-    let vertices = outline.loops.first()?;
-    let deviations = vertices
-        .iter()
-        .map(|v| {
-            let at = ring.iter().position(|(p, _)| [p.x, p.y] == *v)?;
-            let before = planes[(at + planes.len() - 1) % planes.len()];
-            let meeting =
-                if before == planes[at] { vec![before] } else { vec![before, planes[at]] };
-            Some(deviation(faces, &meeting, &Point::new(v[0], v[1], 0.0)))
-        })
-        .collect::<Option<_>>()?;
-    Some(Polytope { geometry: Geometry::Outline(outline), deviations })
-}
 
-/// A face of the polyhedron: its plane and its vertices counter-clockwise seen from outside.
-type Facet = (Plane, Vec<usize>);
-
-fn polyhedron(faces: &[Face], centre: &Point, reach: f64) -> Option<Polytope> {
-    let mut vertices: Vec<Point> = (0..8)
-        .map(|i| {
-            let sign = |bit: usize| if i & bit == 0 { -1.0 } else { 1.0 };
-            centre + Point::new(sign(1), sign(2), sign(4)) * reach
-        })
-        .collect();
-    let mut facets: Vec<Facet> =
-        [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
-            .into_iter()
-            .map(|f| (None, f.to_vec()))
-            .collect();
-    for (number, face) in faces.iter().enumerate() {
-        cut(&mut vertices, &mut facets, number, face);
-    }
-    if facets.len() < 4 || facets.iter().any(|(plane, _)| plane.is_none()) {
-        return None;
-    }
-    let mut renamed: HashMap<usize, u32> = HashMap::new();
-    let mut used: Vec<Point> = Vec::new();
-    let mut meeting: Vec<Vec<usize>> = Vec::new();
-    let mut triangles = Vec::new();
-    for (plane, corners) in &facets {
-        let corners: Vec<u32> = corners
+    /// Surface per contact as a length across, and as an area (in the plane: of the prism), judged by
+    /// the bounding box of the contacts.
+    fn spacing(&self) -> (f64, f64) {
+        let first = self.contacts.first().map_or(Point::zeros(), |c| c.point);
+        let (low, high) = self
+            .contacts
             .iter()
-            .map(|v| {
-                *renamed.entry(*v).or_insert_with(|| {
-                    used.push(vertices[*v]);
-                    meeting.push(Vec::new());
-                    used.len() as u32 - 1
-                })
-            })
-            .collect();
-        for c in &corners {
-            meeting[*c as usize].extend(plane);
+            .fold((first, first), |(low, high), c| (low.inf(&c.point), high.sup(&c.point)));
+        let size = high - low;
+        let count = self.contacts.len().max(1) as f64;
+        if self.faces.dimension == 2 {
+            let each = (2.0 * (size.x + size.y) / count).max(1e-9);
+            return (each, each * self.height());
         }
-        triangles.extend((2..corners.len()).map(|i| [corners[0], corners[i - 1], corners[i]]));
+        let each = 2.0 * (size.x * size.y + size.y * size.z + size.z * size.x) / count;
+        (each.sqrt().max(1e-9), each.max(1e-18))
     }
-    let deviations = used.iter().zip(&meeting).map(|(v, m)| deviation(faces, m, v)).collect();
-    let mesh = Mesh::new(used, triangles).ok()?;
-    mesh.is_watertight().then_some(Polytope { geometry: Geometry::Mesh(mesh), deviations })
+
+    /// Whether a facet only closes the prism that stands for a planar object.
+    fn is_cap(&self, facet: &Facet) -> bool {
+        let low = |v: &usize| self.arrangement.vertices[*v].z < 0.0;
+        let all = |below: bool| facet.ring.iter().all(|v| low(v) == below);
+        self.faces.dimension == 2 && (all(true) || all(false))
+    }
+
+    /// Of the prism that stands for a planar object.
+    fn height(&self) -> f64 {
+        self.arrangement.vertices[7].z - self.arrangement.vertices[0].z
+    }
+
+    fn area(&self, facet: &Facet) -> f64 {
+        let corners: Vec<Point> = self.arrangement.corners(facet).collect();
+        let fan = (2..corners.len())
+            .map(|i| (corners[i - 1] - corners[0]).cross(&(corners[i] - corners[0])));
+        fan.sum::<Point>().norm() / 2.0
+    }
+
+    /// The share of a facet that is within `spacing` of a contact on its plane.
+    fn covered(&self, facet: &Facet, plane: usize, spacing: f64) -> f64 {
+        let own: Vec<Point> = self
+            .contacts
+            .iter()
+            .zip(&self.faces.owners)
+            .filter(|(_, owner)| owner.is_some_and(|o| o.faces().contains(&plane)))
+            .map(|(c, _)| c.point)
+            .collect();
+        if own.is_empty() {
+            return 0.0;
+        }
+        let flat = |p: Point| if self.faces.dimension == 2 { Point::new(p.x, p.y, 0.0) } else { p };
+        let corners: Vec<Point> = self.arrangement.corners(facet).map(flat).collect();
+        let near = |p: &Point| own.iter().any(|c| (c - p).norm_squared() < spacing * spacing);
+        let (mut total, mut covered) = (0.0, 0.0);
+        for i in 2..corners.len() {
+            let [a, b, c] = [corners[0], corners[i - 1], corners[i]];
+            let (ab, ac) = (b - a, c - a);
+            // In the plane triangles are flat: then lengths weigh as areas would.
+            let weight = if self.faces.dimension == 2 {
+                ab.norm().max(ac.norm())
+            } else {
+                ab.cross(&ac).norm()
+            };
+            for k in 0..SAMPLES {
+                let (u, v) = super::mesh::plastic(k);
+                let root = u.sqrt();
+                let p = if self.faces.dimension == 2 {
+                    let far = if ab.norm() > ac.norm() { b } else { c };
+                    a + (far - a) * ((k as f64 + 0.5) / SAMPLES as f64)
+                } else {
+                    a * (1.0 - root) + b * (root * (1.0 - v)) + c * (root * v)
+                };
+                total += weight;
+                covered += if near(&p) { weight } else { 0.0 };
+            }
+        }
+        if total > 0.0 { covered / total } else { 0.0 }
+    }
 }
 
-/// Takes away what is outside `face`. Each edge that is cut gets one new vertex, shared by the two
-/// facets along it, so the surface stays closed whatever rounding does.
-fn cut(vertices: &mut Vec<Point>, facets: &mut Vec<Facet>, number: usize, face: &Face) {
-    let values: Vec<f64> = vertices.iter().map(|v| face.value(v)).collect();
-    if !facets.iter().flat_map(|(_, f)| f).any(|v| values[*v] > 0.0) {
-        return;
-    }
-    let mut cuts: HashMap<(usize, usize), usize> = HashMap::new();
-    // From where the new facet's boundary continues to where.
-    let mut next: HashMap<usize, usize> = HashMap::new();
-    for (_, corners) in facets.iter_mut() {
-        let mut kept = Vec::with_capacity(corners.len() + 1);
-        let (mut leaves, mut enters) = (None, None);
-        for (i, &a) in corners.iter().enumerate() {
-            let b = corners[(i + 1) % corners.len()];
-            let (inside_a, inside_b) = (values[a] <= 0.0, values[b] <= 0.0);
-            if inside_a {
-                kept.push(a);
-            }
-            if inside_a != inside_b {
-                let (inner, outer) = if inside_a { (a, b) } else { (b, a) };
-                let new = *cuts.entry((inner, outer)).or_insert_with(|| {
-                    let (p, q) = (vertices[inner], vertices[outer]);
-                    vertices.push(crossing(p, values[inner], q, values[outer]));
-                    vertices.len() - 1
-                });
-                kept.push(new);
-                *(if inside_a { &mut leaves } else { &mut enters }) = Some(new);
+/// What is inside, without the parts for which fewer contacts speak (`evidence` for every cell) than
+/// for the best one.
+fn main_part(arrangement: &Arrangement, inside: &[bool], evidence: &[f64]) -> Vec<bool> {
+    let mut best = (f64::NEG_INFINITY, vec![false; inside.len()]);
+    let mut seen = vec![false; inside.len()];
+    for first in 0..inside.len() {
+        if !inside[first] || seen[first] {
+            continue;
+        }
+        let (mut part, mut weight) = (vec![false; inside.len()], 0.0);
+        part[first] = true;
+        let mut open = vec![first];
+        while let Some(cell) = open.pop() {
+            seen[cell] = true;
+            weight += evidence[cell];
+            for facet in &arrangement.cells[cell] {
+                let facet = &arrangement.facets[*facet];
+                for next in [Some(facet.back), facet.front].into_iter().flatten() {
+                    if inside[next] && !part[next] {
+                        part[next] = true;
+                        open.push(next);
+                    }
+                }
             }
         }
-        if let (Some(leaves), Some(enters)) = (leaves, enters) {
-            next.insert(enters, leaves);
+        if weight > best.0 {
+            best = (weight, part);
         }
-        *corners = kept;
     }
-    facets.retain(|(_, corners)| corners.len() > 2);
-    let Some(&first) = next.keys().min() else { return };
-    let mut ring = vec![first];
-    while let Some(&v) = ring.last().and_then(|last| next.get(last)) {
-        if v == first || ring.len() > next.len() {
-            break;
-        }
-        ring.push(v);
+    best.1
+}
+
+impl Polytope {
+    /// How many planes with contacts the surface has.
+    pub fn touched_planes(&self) -> usize {
+        let seen = |j: usize| self.pieces.iter().any(|(plane, _)| *plane == j);
+        (0..self.planes.len()).filter(|j| self.planes[*j].contacts > 0 && seen(*j)).count()
     }
-    facets.push((Some(number), ring));
+
+    /// Variance of plane `j` at a point, square metres, with the doubt that grows away from the
+    /// contacts.
+    fn variance(&self, j: usize, point: &Point) -> f64 {
+        let gap = self.touched.iter().map(|t| (t - point).norm()).fold(f64::INFINITY, f64::min);
+        self.planes[j].variance(point) + (UNSURE * gap).powi(2)
+    }
+
+    /// The point of the surface nearest to `point`, its plane and the distance, metres; of the plane
+    /// `on` alone where one is given.
+    pub fn nearest(&self, point: &Point, on: Option<usize>) -> Option<(usize, Point, f64)> {
+        let flat = match self.geometry {
+            Geometry::Outline(_) => Point::new(point.x, point.y, 0.0),
+            Geometry::Mesh(_) => *point,
+        };
+        self.pieces
+            .iter()
+            .filter(|(plane, _)| on.is_none_or(|j| j == *plane))
+            .map(|(plane, corners)| {
+                let closest = boundary::closest(&flat, corners);
+                (*plane, closest, (closest - flat).norm())
+            })
+            .min_by(|a, b| a.2.total_cmp(&b.2))
+    }
+}
+
+impl Field for Polytope {
+    fn values(&self, points: &[Point]) -> Vec<f64> {
+        let signed = |p: &Point| match &self.geometry {
+            Geometry::Outline(o) => o.signed_distance(p),
+            Geometry::Mesh(m) => m.signed_distance(p).unwrap_or(f64::INFINITY),
+        };
+        points.iter().map(signed).collect()
+    }
+
+    /// Of the face that the nearest point of the surface lies on; near an edge, of the less certain one.
+    fn deviations(&self, points: &[Point]) -> Vec<f64> {
+        let deviation = |p: &Point| {
+            let Some((plane, closest, distance)) = self.nearest(p, None) else {
+                return f64::INFINITY;
+            };
+            let own = self.variance(plane, &closest);
+            let reach = distance + own.sqrt();
+            let near = |(_, corners): &&(usize, [Point; 3])| {
+                (boundary::closest(&closest, corners) - closest).norm() < reach
+            };
+            let others = self.pieces.iter().filter(near).map(|(j, _)| self.variance(*j, &closest));
+            others.fold(own, f64::max).sqrt()
+        };
+        points.iter().map(deviation).collect()
+    }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use nalgebra::Matrix3;
-    use proptest::prelude::*;
-
-    fn face(normal: Point, offset: f64) -> Face {
-        Face {
-            normal,
-            offset,
-            centroid: normal * offset,
-            offset_variance: 1e-6,
-            normal_covariance: Matrix3::zeros(),
-            contacts: 3,
-        }
-    }
-
-    fn of(dimension: usize, faces: Vec<Face>) -> Faces {
-        Faces { dimension, faces, chi_squared: 0.0, degrees: 1.0, bending: 0.0, protrusion: 0.0 }
-    }
-
-    fn sides(half: &[f64]) -> Vec<Face> {
-        let axis = |i: usize, sign: f64| {
-            let mut n = Point::zeros();
-            n[i] = sign;
-            face(n, half[i])
-        };
-        (0..half.len()).flat_map(|i| [axis(i, 1.0), axis(i, -1.0)]).collect()
-    }
-
-    #[test]
-    fn rectangles_and_boxes_are_exact() {
-        let rectangle = intersect(&of(2, sides(&[0.06, 0.03])), &Point::zeros(), 0.2).unwrap();
-        let Geometry::Outline(outline) = &rectangle.geometry else { panic!() };
-        assert_eq!(outline.loops[0].len(), 4);
-        assert!((outline.area() - 0.12 * 0.06).abs() < 1e-15);
-        // Two independent millimetres over |n₁ + n₂| = √2.
-        assert!(rectangle.deviations.iter().all(|d| (d - 1e-3).abs() < 1e-12));
-
-        let cuboid = intersect(&of(3, sides(&[0.06, 0.03, 0.02])), &Point::zeros(), 0.2).unwrap();
-        let Geometry::Mesh(mesh) = &cuboid.geometry else { panic!() };
-        assert_eq!((mesh.vertices().len(), mesh.triangles().len()), (8, 12));
-        assert!(mesh.is_watertight());
-        assert!((mesh.volume() - 0.12 * 0.06 * 0.04).abs() < 1e-12);
-        for v in mesh.vertices() {
-            assert!((v.abs() - Point::new(0.06, 0.03, 0.02)).norm() < 1e-12);
-        }
-    }
-
-    #[test]
-    fn what_is_open_or_empty_is_refused() {
-        let open = sides(&[0.06, 0.03])[..3].to_vec();
-        assert!(intersect(&of(2, open), &Point::zeros(), 0.2).is_none());
-        let open = sides(&[0.06, 0.03, 0.02])[..5].to_vec();
-        assert!(intersect(&of(3, open), &Point::zeros(), 0.2).is_none());
-        assert!(intersect(&of(2, sides(&[0.06, -0.03])), &Point::zeros(), 0.2).is_none());
-        assert!(intersect(&of(3, sides(&[0.06, 0.03, -0.02])), &Point::zeros(), 0.2).is_none());
-        assert!(intersect(&of(2, sides(&[0.06, 0.03])), &Point::zeros(), f64::NAN).is_none());
-        assert!(intersect(&of(3, vec![]), &Point::zeros(), 0.2).is_none());
-    }
-
-    proptest! {
-        /// Tangent planes of a sphere, well spread or not: where they close, the mesh is closed,
-        /// outward, inside every half-space, and each vertex lies on three planes.
-        #[test]
-        fn tangent_planes_make_closed_meshes(
-            normals in prop::collection::vec(prop::array::uniform3(-1.0f64..1.0), 4..40),
-        ) {
-            let faces: Vec<Face> = normals
-                .into_iter()
-                .filter_map(|n| Some(face(Point::from(n).try_normalize(0.1)?, 0.05)))
-                .collect();
-            let faces = of(3, faces);
-            if let Some(shape) = intersect(&faces, &Point::new(0.001, 0.0, 0.0), 0.5) {
-                let Geometry::Mesh(mesh) = &shape.geometry else { panic!() };
-                prop_assert!(mesh.is_watertight());
-                prop_assert!(mesh.volume() > 4.0 / 3.0 * std::f64::consts::PI * 0.05f64.powi(3));
-                prop_assert_eq!(mesh.vertices().len() as isize - mesh.triangles().len() as isize / 2, 2);
-                for v in mesh.vertices() {
-                    let on = faces.faces.iter().filter(|f| f.value(v).abs() < 1e-9).count();
-                    prop_assert!(on >= 3 && faces.active(v).unwrap().0 < 1e-9);
-                }
-                prop_assert!(shape.deviations.iter().all(|d| d.is_finite() && *d > 0.0));
-            }
-        }
-    }
-}
+mod tests;

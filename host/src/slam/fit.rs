@@ -7,8 +7,7 @@ use crate::reference::body::Body;
 use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::hyper::{Belief, Found, Search};
 use crate::reference::{Contact, Faces, Gpis, Kernel, Prior, Training};
-use crate::shape::polytope::intersect;
-use crate::slam::choose::farthest;
+use crate::shape::polytope::assemble;
 use crate::slam::free::{Free, open};
 use crate::slam::reconstruct::Error;
 
@@ -26,10 +25,6 @@ const MISFIT_DEVIATIONS: f64 = 2.0;
 /// ball. The likelihood takes what a body leaves for a stationary process; the edges and ends that
 /// it leaves in truth are none, and a few nats then say nothing about what lies between the contacts.
 const GAIN: f64 = 1.0;
-
-/// Faces close when they reach no further from the contacts' centre than this many times the
-/// farthest contact.
-const REACH: f64 = 2.0;
 
 /// What is left about a body that fits: a tenth of the ball's amplitude more often than not.
 const RESIDUAL: Belief = Belief { mode: 0.1, deviation: 1.0, bounds: (0.005, 10.0) };
@@ -128,8 +123,7 @@ fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
     let residual = Search { amplitude: RESIDUAL, ..usual };
     let faces = Faces::fit(dimension, contacts);
     let closed = faces.as_ref().filter(|faces| {
-        let (centre, farthest) = farthest(contacts);
-        intersect(faces, &centre, REACH * farthest).is_some()
+        faces.is_convex() && assemble(faces, contacts, &[], &[]).is_some()
     });
     let others = [
         Body::quadric(dimension, contacts),

@@ -121,13 +121,17 @@ pub fn shape(
     progress: Progress<'_>,
 ) -> Result<(Model, Geometry, Vec<f64>), Error> {
     let faced = evenly(contacts, FACED);
+    let outside: Vec<Point> = free.iter().map(|f| f.point).collect();
     let polytope = match choice {
-        Choice::Auto => choose::judge(dimension, &faced).ok(),
-        Choice::Faces => Some(choose::polytope(dimension, &faced).map_err(Error::Faces)?),
+        Choice::Auto => choose::judge(dimension, &faced, &outside).ok(),
+        Choice::Faces => {
+            Some(choose::polytope(dimension, &faced, &outside).map_err(Error::Faces)?)
+        }
         Choice::Gp => None,
     };
-    if let Some((faces, shape)) = polytope {
-        return Ok((Model::Faces(faces), shape.geometry, shape.deviations));
+    if let Some((_, shape)) = polytope {
+        let (geometry, deviations) = (shape.geometry.clone(), shape.deviations.clone());
+        return Ok((Model::Faces(Box::new(shape)), geometry, deviations));
     }
     if contacts.len() > DENSE[usize::from(dimension == 3)] {
         let (kernel, experts) = fit_experts(dimension, contacts)?;

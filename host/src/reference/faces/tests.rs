@@ -151,3 +151,83 @@ fn degenerate_contacts_have_an_answer() {
     let sheet = Faces::fit(2, &[contact(0.0, 0.0, up), contact(0.0, 0.0, up.map(|n| -n))]);
     assert_eq!(sheet.unwrap().faces.len(), 2);
 }
+
+/// Contacts of a rectangle 120 × 60 mm: three on every side, and on two of its corners with normals
+/// anywhere between those of the sides.
+fn with_corners() -> Vec<Contact> {
+    let contact = |x: f64, y: f64, degrees: f64| {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        Contact {
+            point: Point::new(x, y, 0.0) * 1e-3,
+            normal: Some(Point::new(cos, sin, 0.0)),
+            point_deviation: 1e-3,
+            normal_deviation: 0.0873,
+        }
+    };
+    let mut contacts = Vec::new();
+    for (k, off) in [(-0.6, 0.4), (0.0, -0.5), (0.7, 0.2)] {
+        contacts.push(contact(60.0 + off, 30.0 * k, 4.0 * off));
+        contacts.push(contact(-60.0 + off, 30.0 * k, 180.0 - 5.0 * off));
+        contacts.push(contact(60.0 * k, 30.0 + off, 90.0 + 6.0 * off));
+        contacts.push(contact(60.0 * k, -30.0 - off, 270.0 - 3.0 * off));
+    }
+    for degrees in [25.0, 47.0, 60.0] {
+        contacts.push(contact(60.3, 29.5, degrees));
+        contacts.push(contact(-59.8, -30.2, 180.0 + degrees));
+    }
+    contacts
+}
+
+#[test]
+fn contacts_on_edges_make_no_faces_of_their_own() {
+    let contacts = with_corners();
+    let raw = Faces::fit(2, &contacts).unwrap();
+    assert!(raw.faces.len() > 4);
+    let faces = raw.simplified(&contacts);
+    assert_eq!(faces.faces.len(), 4);
+    assert!(faces.owners[12..].iter().all(|o| matches!(o, Some(Owner::Edge(_)))));
+    assert!(faces.owners[..12].iter().all(|o| matches!(o, Some(Owner::Face(_)))));
+    assert!(faces.chi_squared / faces.degrees < 1.4);
+    assert_eq!(faces.degrees, 2.0 * 18.0 - 8.0);
+}
+
+#[test]
+fn bare_contacts_refine_the_face_they_lie_on() {
+    let mut contacts = with_corners();
+    for k in -4..=4 {
+        contacts.push(Contact {
+            point: Point::new(0.01 * f64::from(k), 0.0302, 0.0),
+            normal: None,
+            ..contacts[0]
+        });
+    }
+    // Off every face.
+    contacts.push(Contact { point: Point::new(0.0, 0.01, 0.0), normal: None, ..contacts[0] });
+    let faces = Faces::fit(2, &contacts).unwrap().simplified(&contacts);
+    assert_eq!(faces.faces.len(), 4);
+    assert_eq!(faces.owners.last(), Some(&None));
+    let top = faces.faces.iter().find(|f| f.normal.y > 0.9).unwrap();
+    assert_eq!(top.contacts, 12);
+    assert!((top.offset - 0.0302).abs() < 3e-4);
+}
+
+#[test]
+fn nearly_square_faces_become_square_and_others_do_not() {
+    let contacts = with_corners();
+    let free = Faces::fit(2, &contacts).unwrap().simplified(&contacts);
+    let faces = free.regular(&contacts);
+    for (i, a) in faces.faces.iter().enumerate() {
+        for b in &faces.faces[..i] {
+            let cosine = a.normal.dot(&b.normal).abs();
+            assert!(!(1e-3..0.9999).contains(&cosine), "{cosine}");
+        }
+    }
+    // All sides tell the angle: the normals are better known, and χ² says that they agree.
+    let doubt = |f: &Faces| f.faces.iter().map(|f| f.normal_covariance.trace()).sum::<f64>();
+    assert!(doubt(&faces) < 0.5 * doubt(&free));
+    assert!(faces.chi_squared < free.chi_squared + 9.0 && faces.degrees == free.degrees + 3.0);
+
+    let (dimension, contacts) = touched("triangle:0.06", 40, 1003);
+    let free = Faces::fit(dimension, &contacts).unwrap().simplified(&contacts);
+    assert_eq!(free.regular(&contacts).chi_squared, free.chi_squared);
+}
