@@ -211,7 +211,9 @@ pub fn run(data: Option<&Path>, first: u64, seeds: u64) -> Result<Table, Error> 
 fn one(options: &Options, choice: Choice) -> Result<Option<(bool, Vec<Shown>)>, SimError> {
     let simulation = simulate(options)?;
     let Ok(steps) = track::truth(&simulation.log) else { return Ok(None) };
-    let Ok(made) = reconstruct(&simulation.log, &steps, choice, &|_, _| {}) else { return Ok(None) };
+    let Ok(made) = reconstruct(&simulation.log, &steps, choice, &|_, _| {}) else {
+        return Ok(None);
+    };
     Ok(Some((made.model.name() == "faces", shown(&made, &simulation.geometry))))
 }
 

@@ -137,9 +137,9 @@ impl Settings {
 /// The kernel's own length, metres.
 fn length(kernel: &Kernel) -> f64 {
     match *kernel {
-        Kernel::SquaredExponential { lengthscale, .. } | Kernel::Matern32 { lengthscale, .. } => {
-            lengthscale
-        }
+        Kernel::SquaredExponential { lengthscale, .. }
+        | Kernel::Matern32 { lengthscale, .. }
+        | Kernel::Matern52 { lengthscale, .. } => lengthscale,
         Kernel::ThinPlate { range, .. } => range,
     }
 }
@@ -225,6 +225,7 @@ impl Experts {
         }
         let (centre, radius) = match prior {
             Prior::Ball { centre, radius } => (centre, radius),
+            Prior::Ellipsoid(ellipsoid) => (ellipsoid.centre, ellipsoid.height),
             Prior::Constant(_) => (Point::zeros(), 0.0),
         };
         let along = if reach > 0.0 { reach.max(THICK * noise) } else { 0.0 };

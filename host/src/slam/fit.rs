@@ -122,9 +122,9 @@ fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
     let usual = Search { noise, ..usual };
     let residual = Search { amplitude: RESIDUAL, ..usual };
     let faces = Faces::fit(dimension, contacts);
-    let closed = faces.as_ref().filter(|faces| {
-        faces.is_convex() && assemble(faces, contacts, &[], &[]).is_some()
-    });
+    let closed = faces
+        .as_ref()
+        .filter(|faces| faces.is_convex() && assemble(faces, contacts, &[], &[]).is_some());
     let others = [
         Body::quadric(dimension, contacts),
         Body::superquadric(dimension, contacts),

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3x6, Matrix6, Vector6};
 use crate::experts;
 use crate::log::GraspLog;
 use crate::reference::gpis::Error as SurfaceError;
-use crate::reference::{Contact, Gpis};
+use crate::reference::Contact;
 use crate::shape::lattice::LatticeError;
 use crate::shape::{Field, Geometry, contour, surface};
 use crate::slam::choose::{self, Choice, Model, Refusal};
@@ -103,8 +103,7 @@ pub fn reconstruct(
         return Err(Error::NoContacts);
     }
     let free = free(log, steps);
-    let (model, geometry, deviations) =
-        shape(log.dimension, &contacts, &free, choice, progress)?;
+    let (model, geometry, deviations) = shape(log.dimension, &contacts, &free, choice, progress)?;
     Ok(Reconstruction { geometry, deviations, contacts: placed, model })
 }
 
@@ -124,9 +123,7 @@ pub fn shape(
     let outside: Vec<Point> = free.iter().map(|f| f.point).collect();
     let polytope = match choice {
         Choice::Auto => choose::judge(dimension, &faced, &outside).ok(),
-        Choice::Faces => {
-            Some(choose::polytope(dimension, &faced, &outside).map_err(Error::Faces)?)
-        }
+        Choice::Faces => Some(choose::polytope(dimension, &faced, &outside).map_err(Error::Faces)?),
         Choice::Gp => None,
     };
     if let Some((_, shape)) = polytope {

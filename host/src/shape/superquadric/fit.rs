@@ -9,7 +9,9 @@ use std::f64::consts::FRAC_PI_4;
 
 use nalgebra::{Matrix3, Point3, Rotation3, SymmetricEigen, Translation3, UnitQuaternion, Vector3};
 
-use super::{Covariance, EXPONENTS, Error, Form, Misfit, NUDGE, NUMBERS, PLANAR, Step, Superquadric};
+use super::{
+    Covariance, EXPONENTS, Error, Form, Misfit, NUDGE, NUMBERS, PLANAR, Step, Superquadric,
+};
 use crate::reference::Contact;
 use crate::space::{Point, Pose};
 
