@@ -3,7 +3,7 @@
 use clap::{Args, ValueEnum};
 
 use crate::cli::{Error, say};
-use crate::experiment::{Table, data, known_pose, push, tracking};
+use crate::experiment::{Table, data, known_pose, memory, push, tracking};
 
 /// Repeat an experiment: the thesis' number, or our goal, beside ours.
 #[derive(Debug, Args)]
@@ -31,6 +31,8 @@ enum Name {
     Figure3_12,
     /// Shape error on the recorded pushes with motion-captured poses
     Push,
+    /// What bounded memory costs a board
+    Memory,
     /// All of them
     All,
 }
@@ -40,6 +42,15 @@ enum Name {
 /// # Errors
 /// Missing recordings.
 pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
+    if args.name == Name::Memory {
+        let table = memory::run(args.seeds).map_err(Error::failure)?;
+        if args.json {
+            say(serde_json::to_string_pretty(&table).map_err(Error::failure)?);
+        } else {
+            say(&table);
+        }
+        return Ok(());
+    }
     let names = match args.name {
         Name::All => vec![Name::Figure2_7, Name::Figure3_12, Name::Push],
         one => vec![one],
@@ -49,7 +60,9 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
         let table = match name {
             Name::Figure2_7 => known_pose::run(args.seeds).map_err(Error::failure)?,
             Name::Figure3_12 => tracking::run(args.seeds).map_err(Error::failure)?,
-            Name::Push | Name::All => push::run(data().as_deref()).map_err(Error::input)?,
+            Name::Push | Name::Memory | Name::All => {
+                push::run(data().as_deref()).map_err(Error::input)?
+            }
         };
         if !args.json {
             say(&table);

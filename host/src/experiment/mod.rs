@@ -2,6 +2,7 @@
 //! thesis' number beside ours.
 
 pub mod known_pose;
+pub mod memory;
 pub mod push;
 pub mod tracking;
 
