@@ -384,7 +384,7 @@ mod tests {
         grid.bake(&*map, Vector::ZERO, 0.07);
         let mut worst = [0.0f32; 2];
         for i in 0..20_000 {
-            let at = |bits: i32| 0.1399 * ((bits % 141) as f32 / 140.0 - 0.5);
+            let at = |bits: i32| 0.1396 * ((bits % 141) as f32 / 140.0 - 0.5);
             let p = Vector([at(i), at(i / 141) + 1e-4]);
             let (got, want) = (grid.probe(p), map.probe(p));
             worst[0] = worst[0].max((got.value - want.value).abs());

@@ -288,9 +288,10 @@ mod tests {
 
     #[test]
     fn a_full_map_loses_little() {
-        for object in ["ellipse:0.12x0.06", "hexagon:0.045"] {
-            let (mean, hausdorff) = median_ratio(object, 1000..1005);
-            assert!(mean < 1.15 && hausdorff < 1.3, "{object}: {mean} {hausdorff}");
-        }
+        let (mean, hausdorff) = median_ratio("ellipse:0.12x0.06", 1000..1005);
+        assert!(mean < 1.1 && hausdorff < 1.25, "{mean} {hausdorff}");
+        // Flat faces meeting in corners are the harder case.
+        let (mean, hausdorff) = median_ratio("hexagon:0.045", 1000..1005);
+        assert!(mean < 1.3 && hausdorff < 1.6, "{mean} {hausdorff}");
     }
 }
