@@ -20,10 +20,15 @@ use crate::contact::Contact;
 use crate::math;
 use crate::matrix::Coordinates;
 use crate::space::Space;
-use crate::surface::cholesky::{Cholesky, NotPositiveDefinite};
+use crate::surface::cholesky::{Cholesky, NotPositiveDefinite, packed};
 use crate::surface::kernel::{Kernel, Radial};
 use crate::surface::prior::Prior;
 use crate::surface::{Insertion, Map, Probe, Surface};
+
+mod condense;
+
+/// Sites of one contact, at most.
+const MOST_SITES: usize = 3;
 
 /// How a contact becomes rows of the covariance matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,7 +53,7 @@ struct Site<S: Space> {
     point: S::Vector,
     /// Observed value, metres.
     value: f32,
-    /// The contact's unit normal; zero without one.
+    /// The contact's normal, zero without one: unit length until it took in other contacts.
     normal: S::Vector,
     /// Whether there is a normal.
     felt: bool,
@@ -61,13 +66,10 @@ struct Site<S: Space> {
     /// 1/(k(0) + σ²) of the value and of each slope: what this site alone explains.
     value_precision: f32,
     slope_precision: f32,
-    /// σ² of the value, square metres.
+    /// σ² of the value before others' knowledge came to it, square metres.
     noise: f32,
-    /// Variance that remains of f here when only the best other contact is known, square metres, and
-    /// the first site of that contact: how little this contact would be missed. Kept for the first
-    /// site of every contact.
-    novelty: f32,
-    neighbour: u16,
+    /// Whether the point lies off the surface: no contact.
+    aside: bool,
     /// Posterior weights: (K + Σ)⁻¹ (y − m) of its rows.
     value_weight: f32,
     slope_weight: S::Vector,
@@ -85,8 +87,7 @@ impl<S: Space> Site<S> {
         value_precision: 0.0,
         slope_precision: 0.0,
         noise: 0.0,
-        novelty: 0.0,
-        neighbour: 0,
+        aside: false,
         value_weight: 0.0,
         slope_weight: S::Vector::ZERO,
     };
@@ -142,6 +143,13 @@ pub struct Gpis<
     count: usize,
     enclosing: usize,
     factor: Cholesky<ROWS, PACKED>,
+    /// Σ, covariance of the observations' noise, row by row like the factor: diagonal until the map
+    /// is full.
+    noise: [f32; PACKED],
+    /// Whether Σ has entries off its diagonal.
+    condensed: bool,
+    /// Contacts condensed since a site's rows were last made anew.
+    renewal: u8,
     /// (K + Σ)⁻¹ (y − m), row by row: the workspace of `refit`.
     weights: [f32; ROWS],
     /// L⁻¹ (y − m) squared, summed: what the log likelihood needs.
@@ -166,6 +174,9 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             count: 0,
             enclosing: 0,
             factor: Cholesky::new(),
+            noise: [0.0; PACKED],
+            condensed: false,
+            renewal: 0,
             weights: [0.0; ROWS],
             misfit: 0.0,
         }
@@ -201,7 +212,11 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             for l in 0..L {
                 let d = points[l] - site.point;
                 let Radial { k, a, .. } = self.kernel.radial(d.norm_squared());
-                f[l] += site.value_weight * k - a * site.slope_weight.dot(d);
+                if site.slope {
+                    f[l] += site.value_weight * k - a * site.slope_weight.dot(d);
+                } else {
+                    f[l] += site.value_weight * k;
+                }
             }
         }
         f
@@ -263,6 +278,29 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             - HALF_LN_TAU * self.factor.rows() as f32
     }
 
+    /// The largest possible errors of value (metres) and gradient when either is interpolated
+    /// multilinearly between the corners of a cube with sides of `spacing` metres, anywhere in space,
+    /// after the last refit: see [`Kernel::interpolation`]. The corners, weighed by the interpolation,
+    /// have their mean at the point and a mean square distance of at most D·spacing²/4 from it. The
+    /// norm of the mean without its prior is wᵀKw for the weights w = (K + Σ)⁻¹(y − m): what
+    /// (y − m)ᵀw leaves beside wᵀΣw. The prior's part follows from its curvature. In exact arithmetic;
+    /// rounding adds some 10⁻⁶ of the values.
+    pub fn interpolation_bound(&self, spacing: f32) -> (f32, f32) {
+        let rows = self.factor.rows();
+        let mut noise = 0.0;
+        for i in 0..rows {
+            let row = self.noise[packed(i)..packed(i + 1)].iter().zip(&self.weights);
+            let sum: f32 = row.map(|(noise, w)| noise * w).sum();
+            noise += self.weights[i] * (2.0 * sum - self.noise[packed(i) + i] * self.weights[i]);
+        }
+        // Single precision's part in the difference of two sums of this size.
+        let square = math::max(self.misfit - noise, 0.0) + 1e-4 * self.misfit;
+        let spread = 0.5 * math::sqrt(S::DIMENSION as f32) * spacing;
+        let (value, gradient) = self.kernel.interpolation(spread);
+        let (norm, bend) = (math::sqrt(square), self.prior.bend());
+        (value * norm + 0.5 * bend * spread * spread, gradient * norm + bend * spread)
+    }
+
     /// Sites of contacts and sphere points.
     fn sites(&self) -> &[Site<S>] {
         &self.sites[..self.count + self.enclosing]
@@ -273,7 +311,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         self.count + sites <= SITES && self.taken() + rows <= ROWS
     }
 
-    /// Appends the rows of one site.
+    /// Appends the rows of one site, with noise of its own.
     fn append(
         &mut self,
         mut site: Site<S>,
@@ -284,20 +322,35 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             return Err(NotPositiveDefinite);
         }
         let first = self.factor.rows();
+        for row in first..first + site.rows() {
+            let noise = &mut self.noise[packed(row)..packed(row + 1)];
+            noise.fill(0.0);
+            noise[row] = if row == first { value_noise } else { slope_noise };
+        }
+        site.value_precision = 1.0 / (self.kernel.variance() + value_noise);
+        if site.slope {
+            site.slope_precision = 1.0 / (self.kernel.slope_variance() + slope_noise);
+        }
+        self.factorise(site)
+    }
+
+    /// Appends the rows of one site whose noise is in place.
+    fn factorise(&mut self, mut site: Site<S>) -> Result<(), NotPositiveDefinite> {
+        let first = self.factor.rows();
         site.row = first as u16;
         for old in 0..self.count {
             self.stage_cross(&site, old);
         }
-        self.factor.stage(0)[first] = self.kernel.variance() + value_noise;
-        site.value_precision = 1.0 / (self.kernel.variance() + value_noise);
-        if site.slope {
-            for i in 0..S::DIMENSION {
-                let row = self.factor.stage(1 + i);
-                // A value and a slope at one point, and two slopes of one point, are independent.
-                row[first..].fill(0.0);
-                row[first + 1 + i] = self.kernel.slope_variance() + slope_noise;
+        for i in 0..site.rows() {
+            let row = self.factor.stage(i);
+            // A value and a slope at one point, and two slopes of one point, are independent.
+            row[first..].fill(0.0);
+            row[first + i] =
+                if i == 0 { self.kernel.variance() } else { self.kernel.slope_variance() };
+            let noise = &self.noise[packed(first + i)..packed(first + i + 1)];
+            for (k, noise) in row.iter_mut().zip(noise) {
+                *k += noise;
             }
-            site.slope_precision = 1.0 / (self.kernel.slope_variance() + slope_noise);
         }
         for _ in 0..site.rows() {
             if self.factor.append().is_err() {
@@ -313,7 +366,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     /// Writes the covariances of the new `site` with the old one into the staged rows.
     #[inline]
     fn stage_cross(&mut self, site: &Site<S>, old: usize) {
-        let other = self.sites[old];
+        let other = &self.sites[old];
         let d = site.point - other.point;
         let Radial { k, a, b } = self.kernel.radial(d.norm_squared());
         let at = usize::from(other.row);
@@ -339,99 +392,48 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         }
     }
 
-    /// Appends all sites of a contact, or none.
-    fn append_contact(&mut self, contact: &Contact<S>) -> Result<(), NotPositiveDefinite> {
+    /// The sites of a contact, how many, and the variances of their values and slopes.
+    fn sites_of(&self, contact: &Contact<S>) -> ([(Site<S>, f32, f32); MOST_SITES], usize) {
         let value_noise = contact.point_deviation * contact.point_deviation;
         let slope_noise = contact.normal_deviation * contact.normal_deviation;
         let felt = contact.normal.is_some();
         let normal = contact.normal.unwrap_or(S::Vector::ZERO);
         let surface =
             Site { point: contact.point, normal, felt, noise: value_noise, ..Site::UNSET };
-        let (leader, rows) = (self.count, self.factor.rows());
-        let outcome = match (contact.normal, self.training) {
-            (_, Training::Spheres(spheres)) => {
-                self.defer(surface, &spheres);
-                Ok(())
-            }
-            (None, _) => self.append(surface, value_noise, 0.0),
+        let mut sites = [(surface, value_noise, slope_noise); MOST_SITES];
+        let count = match (contact.normal, self.training) {
+            (None, _) => 1,
             (Some(_), Training::Normals) => {
-                self.append(Site { slope: true, ..surface }, value_noise, slope_noise)
+                sites[0].0.slope = true;
+                1
             }
             (Some(normal), Training::OffSurface(distance)) => {
-                let mut outcome = self.append(Site { followers: 2, ..surface }, value_noise, 0.0);
-                for value in [distance, -distance] {
-                    let point = contact.point + normal * value;
-                    let site = Site { point, value, ..surface };
-                    outcome = outcome.and_then(|()| self.append(site, value_noise, 0.0));
+                sites[0].0.followers = 2;
+                for (site, value) in sites[1..].iter_mut().zip([distance, -distance]) {
+                    site.0.point = contact.point + normal * value;
+                    site.0.value = value;
+                    site.0.aside = true;
                 }
-                outcome
+                3
             }
+            // Only the contact: its other points wait for the spheres.
+            (Some(_), Training::Spheres(_)) => 1,
         };
-        if outcome.is_err() {
-            self.count = leader;
-            self.factor.truncate(rows);
-        } else {
-            self.introduce(leader);
-        }
-        outcome
+        (sites, count)
     }
 
-    /// Works out how novel the last contact is, and which others it makes less so.
-    fn introduce(&mut self, leader: usize) {
-        let new = self.sites[leader];
-        let (mut novelty, mut neighbour) = (self.kernel.variance(), SITES);
-        let mut index = 0;
-        while index < leader {
-            let site = self.sites[index];
-            let d2 = (site.point - new.point).norm_squared();
-            let radial = self.kernel.radial(d2);
-            let (here, there) =
-                (self.variance_given(&site, d2, radial), self.variance_given(&new, d2, radial));
-            if here < novelty {
-                (novelty, neighbour) = (here, index);
-            }
-            if there < site.novelty {
-                self.sites[index].novelty = there;
-                self.sites[index].neighbour = leader as u16;
-            }
-            index += 1 + usize::from(site.followers);
-        }
-        self.sites[leader].novelty = novelty;
-        self.sites[leader].neighbour = neighbour as u16;
-    }
-
-    /// Works out the novelty of the contact whose first site is `leader` from scratch.
-    fn rate(&mut self, leader: usize) {
-        let (novelty, neighbour) = self.novelty(self.sites[leader].point, Some(leader));
-        self.sites[leader].novelty = novelty;
-        self.sites[leader].neighbour = neighbour as u16;
-    }
-
-    /// Removes the contact whose first site is `leader`.
-    fn remove(&mut self, leader: usize) {
-        let followers = usize::from(self.sites[leader].followers);
-        for index in (leader..=leader + followers).rev() {
-            let site = self.sites[index];
-            let (row, rows) = (usize::from(site.row), site.rows());
-            for r in (row..row + rows).rev() {
-                self.factor.remove(r);
-            }
-            self.sites.copy_within(index + 1..self.count, index);
-            self.count -= 1;
-            for later in &mut self.sites[index..self.count] {
-                later.row -= rows as u16;
+    /// Appends all sites of a contact, or none.
+    fn append_contact(&mut self, contact: &Contact<S>) -> Result<(), NotPositiveDefinite> {
+        let (count, rows) = (self.count, self.factor.rows());
+        let (sites, number) = self.sites_of(contact);
+        for (site, value_noise, slope_noise) in &sites[..number] {
+            if self.append(*site, *value_noise, *slope_noise).is_err() {
+                self.count = count;
+                self.factor.truncate(rows);
+                return Err(NotPositiveDefinite);
             }
         }
-        let mut index = 0;
-        while index < self.count {
-            let neighbour = usize::from(self.sites[index].neighbour);
-            if neighbour == leader {
-                self.rate(index);
-            } else if neighbour > leader && neighbour < SITES {
-                self.sites[index].neighbour -= 1 + followers as u16;
-            }
-            index += 1 + usize::from(self.sites[index].followers);
-        }
+        Ok(())
     }
 
     /// Indices of the first site of every contact.
@@ -441,21 +443,12 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         core::iter::successors(Some(0), next).take_while(|&leader| leader < self.count)
     }
 
-    /// Variance that remains of f at `point` when only the best single contact other than `except`
-    /// is known, and that contact's first site (`SITES` when there is none).
-    fn novelty(&self, point: S::Vector, except: Option<usize>) -> (f32, usize) {
-        let mut least = (self.kernel.variance(), SITES);
-        for leader in self.leaders() {
-            if Some(leader) != except {
-                let site = &self.sites[leader];
-                let d2 = (point - site.point).norm_squared();
-                let left = self.variance_given(site, d2, self.kernel.radial(d2));
-                if left < least.0 {
-                    least = (left, leader);
-                }
-            }
-        }
-        least
+    /// The prior that fits the contacts held.
+    fn refitted(&self) -> P {
+        self.prior.fitted(self.leaders().map(|leader| {
+            let site = &self.sites[leader];
+            (site.point, site.felt.then_some(site.normal))
+        }))
     }
 
     /// Variance of f at squared distance `d2` from one site when nothing else is known: an upper
@@ -506,8 +499,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             gradient += d * (site.value_weight * a - b * along) - site.slope_weight * a;
             variance = math::min(self.variance_given(site, d2, radial), variance);
             slope_variance = math::min(self.slope_variance_given(site, d2, radial), slope_variance);
-            // Points off the surface are no contacts.
-            nearest = math::min(if site.value == 0.0 { d2 } else { f32::INFINITY }, nearest);
+            nearest = math::min(if site.aside { f32::INFINITY } else { d2 }, nearest);
         }
         Probe {
             value,
@@ -525,35 +517,26 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     fn insert(&mut self, contact: &Contact<S>) -> Insertion {
         let Ok(contact) = contact.checked() else { return Insertion::Dropped };
         let contact = &contact;
-        self.open();
-        let (sites, rows) = match (contact.normal, self.training) {
-            (normal, Training::Spheres(spheres)) => {
-                let own = if normal.is_some() && spheres.offset.is_some() { 3 } else { 1 };
-                (own + spheres.points(), own + spheres.points())
-            }
-            (None, _) => (1, 1),
-            (Some(_), Training::Normals) => (1, 1 + S::DIMENSION),
-            (Some(_), Training::OffSurface(_)) => (3, 3),
-        };
-        let mut evicted = 0;
-        while !self.fits(sites, rows) {
-            let (mut least, _) = self.novelty(contact.point, None);
-            let mut redundant = None;
-            for leader in self.leaders() {
-                if self.sites[leader].novelty < least {
-                    least = self.sites[leader].novelty;
-                    redundant = Some(leader);
+        if let Training::Spheres(spheres) = self.training {
+            return self.defer(contact, &spheres);
+        }
+        let (sites, count) = self.sites_of(contact);
+        let rows = sites[..count].iter().map(|(site, ..)| site.rows()).sum();
+        let mut released = 0;
+        while !self.fits(count, rows) {
+            let Some(leader) = self.most_redundant(contact) else {
+                if self.count == 0 {
+                    return Insertion::Dropped;
                 }
-            }
-            let Some(leader) = redundant else {
-                return Insertion::Dropped;
+                self.condense(contact);
+                return Insertion::Merged;
             };
-            self.remove(leader);
-            evicted += 1;
+            self.release(leader);
+            released += 1;
         }
         match self.append_contact(contact) {
             Err(NotPositiveDefinite) => Insertion::Dropped,
-            Ok(()) if evicted > 0 => Insertion::Replaced(evicted),
+            Ok(()) if released > 0 => Insertion::Replaced(released),
             Ok(()) => Insertion::Stored,
         }
     }
@@ -562,10 +545,10 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         if let Training::Spheres(spheres) = self.training {
             self.enclose(&spheres);
         }
-        self.prior = self.prior.fitted(self.leaders().map(|leader| {
-            let site = &self.sites[leader];
-            (site.point, site.felt.then_some(site.normal))
-        }));
+        self.prior = self.refitted();
+        if self.condensed {
+            self.rate_sites();
+        }
         for site in &self.sites[..self.count + self.enclosing] {
             let (mean, slope) = self.prior.mean(site.point);
             let row = usize::from(site.row);
@@ -592,6 +575,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     fn clear(&mut self) {
         (self.count, self.enclosing) = (0, 0);
         self.factor.truncate(0);
+        self.condensed = false;
         self.misfit = 0.0;
     }
 

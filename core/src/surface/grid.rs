@@ -4,7 +4,7 @@
 use crate::math;
 use crate::matrix::Coordinates;
 use crate::space::Space;
-use crate::surface::{Probe, Surface};
+use crate::surface::{Gpis, Kernel, Prior, Probe, Surface};
 
 /// Added to a number in [0, 2²²), it leaves the nearest whole number in the lowest bits: 1.5·2²³.
 const ROUND: f32 = 12_582_912.0;
@@ -63,7 +63,7 @@ pub struct Grid<S: Space, const NODES: usize> {
 }
 
 /// What interpolation costs in accuracy, measured at the centres of the cells within 10 mm of the
-/// surface, where it is worst.
+/// surface, where it is worst as a rule. [`Grid::bound`] is what it can cost at most.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BakeError {
     /// Largest error of the value, metres.
@@ -188,6 +188,20 @@ impl<S: Space, const NODES: usize> Grid<S, NODES> {
         cell
     }
 
+    /// Upper bounds of the errors of value (metres) and gradient anywhere in the cube, against the
+    /// map the grid was baked from; at no cost that depends on the number of nodes. Zero before
+    /// baking. See [`Gpis::interpolation_bound`].
+    pub fn bound<K, P, const SITES: usize, const ROWS: usize, const PACKED: usize>(
+        &self,
+        map: &Gpis<S, K, P, SITES, ROWS, PACKED>,
+    ) -> (f32, f32)
+    where
+        K: Kernel,
+        P: Prior<S>,
+    {
+        if self.baked { map.interpolation_bound(self.spacing) } else { (0.0, 0.0) }
+    }
+
     /// The error against the surface the grid was baked from.
     pub fn error(&self, surface: &impl Surface<S>) -> BakeError {
         let mut error = BakeError::default();
@@ -283,8 +297,12 @@ impl<S: Space, const NODES: usize> Surface<S> for Grid<S, NODES> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::contact::Contact;
     use crate::matrix::Vector;
+    use crate::random::Random;
     use crate::space::{Planar, Spatial};
+    use crate::surface::cholesky::packed;
+    use crate::surface::{Ball, Map, Matern32, SquaredExponential, ThinPlate, Training};
 
     /// The signed distance of a ball of 30 mm.
     struct Round;
@@ -342,6 +360,57 @@ mod tests {
         assert!((grid.probe(node).variance - want.variance).abs() < 1e-6);
         let edge = grid.probe(Vector([0.058, 0.0])).value;
         assert!((grid.probe(Vector([0.158, 0.0])).value - edge - 0.1).abs() < 1e-5);
+    }
+
+    /// Largest errors inside the cube, and their bounds, of a map of 14 noisy touches.
+    fn observed<K: Kernel>(kernel: K, seed: u64) -> ([f32; 2], [f32; 2]) {
+        type Touched<K> = Gpis<Planar, K, Ball<Planar>, 14, 42, { packed(42) }>;
+        let mut random = Random::new(seed);
+        let mut map = std::boxed::Box::new(Touched::<K>::new());
+        map.configure(kernel, Ball::UNSET, Training::Normals);
+        for k in 0..14 {
+            let (sin, cos) = (0.45 * k as f32 + 0.3).sin_cos();
+            let off: Vector<2> = random.normal();
+            map.insert(&Contact {
+                point: Vector([0.05 * cos, 0.03 * sin]) + off * 1e-3,
+                normal: Vector([cos / 0.05, sin / 0.03]).normalized(),
+                point_deviation: 1e-3,
+                normal_deviation: 0.0873,
+                finger: 0,
+            });
+        }
+        map.refit();
+        let mut grid = std::boxed::Box::new(Grid::<Planar, 900>::new());
+        grid.bake(&*map, Vector::ZERO, 0.07);
+        let mut worst = [0.0f32; 2];
+        for i in 0..20_000 {
+            let at = |bits: i32| 0.1396 * ((bits % 141) as f32 / 140.0 - 0.5);
+            let p = Vector([at(i), at(i / 141) + 1e-4]);
+            let (got, want) = (grid.probe(p), map.probe(p));
+            worst[0] = worst[0].max((got.value - want.value).abs());
+            worst[1] = worst[1].max((got.gradient - want.gradient).norm());
+        }
+        let (value, gradient) = grid.bound(&map);
+        (worst, [value, gradient])
+    }
+
+    #[test]
+    fn no_error_exceeds_the_bound() {
+        for seed in 0..3 {
+            let rough = observed(Matern32 { amplitude: 0.03, lengthscale: 0.1 }, seed);
+            let smooth = observed(SquaredExponential { amplitude: 0.03, lengthscale: 0.05 }, seed);
+            let plate = observed(ThinPlate { amplitude: 0.05, range: 0.4 }, seed);
+            for (worst, bound) in [rough, smooth, plate] {
+                for (worst, bound) in worst.iter().zip(bound) {
+                    assert!(worst <= &bound && bound < 20.0 * worst, "{worst} of {bound}");
+                }
+            }
+        }
+        assert_eq!(
+            Grid::<Planar, 900>::new()
+                .bound(&Gpis::<Planar, Matern32, Ball<Planar>, 1, 3, 6>::new()),
+            (0.0, 0.0)
+        );
     }
 
     #[test]

@@ -31,6 +31,16 @@ pub trait Kernel: Copy + Send + Sync + 'static {
     /// The same kernel with amplitude and lengths this many times as large: what the kernel is when
     /// its numbers were multiples of `unit` metres.
     fn scaled(&self, unit: f32) -> Self;
+
+    /// How badly functions of this kernel interpolate. A point x that is the mean of random points X
+    /// with E|X − x|² ≤ `spread`² (metres) has |E f(X) − f(x)| ≤ value·‖f‖ and
+    /// |E ∇f(X) − ∇f(x)| ≤ gradient·‖f‖, with ‖f‖ the norm in the kernel's space.
+    ///
+    /// By Cauchy and Schwarz the first is the length of E[k_X − k_x − ∇k_x·(X − x)], whose linear part
+    /// is zero, and with r = |X − x| a single one has the square 2 (k(0) − k(r) + a r²) − a(0) r²; the
+    /// second is that of E[∂k_X − ∂k_x], at most 2 (−a(0) + max(a, a + b r²)) squared. Each kernel
+    /// bounds these by powers of r whose roots are concave in r², so that the mean comes under them.
+    fn interpolation(&self, spread: f32) -> (f32, f32);
 }
 
 /// A kernel at one distance; see the module.
@@ -89,6 +99,12 @@ impl Kernel for SquaredExponential {
     fn slope_variance(&self) -> f32 {
         self.variance() / (self.lengthscale * self.lengthscale)
     }
+
+    /// With q = r²/2ℓ²: 2 − 2e⁻ᑫ + 2q − 4q e⁻ᑫ ≤ 3q², and 1 − e⁻ᑫ (1 − 2q) ≤ 3q.
+    fn interpolation(&self, spread: f32) -> (f32, f32) {
+        let u2 = spread * spread / (self.lengthscale * self.lengthscale);
+        (SQRT_3 * 0.5 * u2 * self.amplitude, math::sqrt(3.0 * self.slope_variance() * u2))
+    }
 }
 
 /// s² (1 + u) e⁻ᵘ with u = √3 r/ℓ: once differentiable, the default. It follows corners better
@@ -132,6 +148,14 @@ impl Kernel for Matern32 {
     fn slope_variance(&self) -> f32 {
         3.0 * self.variance() / (self.lengthscale * self.lengthscale)
     }
+
+    /// With u = √3 r/ℓ: 2 − 2(1 + u)e⁻ᵘ + u² − 2u²e⁻ᵘ ≤ 4u³/3, whose slope is
+    /// 2u (1 − e⁻ᵘ + u e⁻ᵘ) ≤ 4u², and 1 − e⁻ᵘ (1 − u) ≤ 2u.
+    fn interpolation(&self, spread: f32) -> (f32, f32) {
+        let u = SQRT_3 / self.lengthscale * spread;
+        let cube = math::sqrt(4.0 / 3.0 * u * u * u);
+        (cube * self.amplitude, 2.0 * math::sqrt(self.slope_variance() * u))
+    }
 }
 
 const SQRT_3: f32 = 1.732_050_8;
@@ -153,14 +177,15 @@ impl Kernel for ThinPlate {
     #[inline(always)]
     fn radial(&self, r2: f32) -> Radial {
         let r = math::sqrt(math::max(r2, NEAR));
+        // What depends on the kernel alone is worked out once outside a loop over contacts.
         let scale = self.amplitude * self.amplitude / (self.range * self.range * self.range);
-        Radial { k: self.value(r2), a: 6.0 * scale * (r - self.range), b: 6.0 * scale / r }
+        let k = self.amplitude * self.amplitude + scale * (r2 * (2.0 * r - 3.0 * self.range));
+        Radial { k, a: 6.0 * scale * (r - self.range), b: 6.0 * scale / r }
     }
 
     #[inline(always)]
     fn value(&self, r2: f32) -> f32 {
-        let u2 = r2 / (self.range * self.range);
-        self.amplitude * self.amplitude * (u2 * (2.0 * math::sqrt(u2) - 3.0) + 1.0)
+        self.radial(r2).k
     }
 
     fn scaled(&self, unit: f32) -> Self {
@@ -175,6 +200,13 @@ impl Kernel for ThinPlate {
     #[inline(always)]
     fn slope_variance(&self) -> f32 {
         6.0 * self.variance() / (self.range * self.range)
+    }
+
+    /// With v = r/R: 8v³ exactly, and at most 24v/R².
+    fn interpolation(&self, spread: f32) -> (f32, f32) {
+        let v = spread / self.range;
+        let scale = self.amplitude / self.range;
+        (math::sqrt(8.0 * v * v * v) * self.amplitude, math::sqrt(24.0 * v) * scale)
     }
 }
 

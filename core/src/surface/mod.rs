@@ -43,7 +43,8 @@ pub trait Surface<S: Space> {
 /// A surface that learns from contacts within bounded memory.
 pub trait Map<S: Space>: Surface<S> {
     /// Adds a contact given in the object frame; at capacity, the contact that its neighbours make
-    /// most redundant goes, which may be the new one. [`refit`](Self::refit) makes it count.
+    /// most redundant loses its place, which may be the new one. [`refit`](Self::refit) makes it
+    /// count.
     fn insert(&mut self, contact: &Contact<S>) -> Insertion;
 
     /// Brings the surface up to date after insertions: once per grasp.
@@ -61,10 +62,13 @@ pub trait Map<S: Space>: Surface<S> {
 pub enum Insertion {
     /// There was room.
     Stored,
-    /// It took the place of one or more contacts that others explain.
+    /// It took the place of one or more contacts that others explain. (A [`Gpis`] hands on what it
+    /// learnt from them.)
     Replaced(u16),
-    /// The map is full and others explain this contact best, or its covariance row was not
-    /// positive definite in `f32` (an exact repetition with no noise).
+    /// There was no room and others explain this contact best: what it says went to them.
+    Merged,
+    /// The map is full and learnt nothing from it, or its covariance row was not positive definite
+    /// in `f32` (an exact repetition with no noise).
     Dropped,
 }
 

@@ -17,6 +17,12 @@ pub trait Prior<S: Space>: Copy + Send + Sync + 'static {
     /// Mean of f (metres) and of ∇f at `point` (object frame, metres).
     fn mean(&self, point: S::Vector) -> (f32, S::Vector);
 
+    /// A Lipschitz constant of the mean's gradient (the largest curvature), per metre; infinite where
+    /// none is known.
+    fn bend(&self) -> f32 {
+        f32::INFINITY
+    }
+
     /// The prior that fits contacts best, given as points (metres) with their unit normals where
     /// known; there may be none.
     fn fitted(
@@ -38,6 +44,10 @@ impl<S: Space> Prior<S> for Constant {
     #[inline(always)]
     fn mean(&self, _point: S::Vector) -> (f32, S::Vector) {
         (self.0, S::Vector::ZERO)
+    }
+
+    fn bend(&self) -> f32 {
+        0.0
     }
 
     fn fitted(
@@ -119,6 +129,10 @@ impl<S: Space> Prior<S> for Ball<S> {
         let d = point - self.centre;
         let curvature = 1.0 / self.radius;
         (0.5 * (d.norm_squared() * curvature - self.radius), d * curvature)
+    }
+
+    fn bend(&self) -> f32 {
+        1.0 / self.radius
     }
 
     /// The least-squares ball through points and normals; where the normals do not decide it (a

@@ -170,7 +170,7 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
         for contact in good(grasp) {
             let placed = place(&contact, pose, covariance);
             dropped = dropped.saturating_add(match self.map.insert(&placed) {
-                Insertion::Stored => 0,
+                Insertion::Stored | Insertion::Merged => 0,
                 Insertion::Replaced(others) => others,
                 Insertion::Dropped => 1,
             });

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::cli::{Error, say};
 use crate::experiment::chapter2::{self, FIGURES};
-use crate::experiment::{Picture, calibration, data, push, shapes, tracking};
+use crate::experiment::{Picture, calibration, data, memory, push, shapes, tracking};
 use crate::log::write::write_atomically;
 use crate::quantity::{self, Deviation};
 
@@ -73,7 +73,7 @@ const SHAPES: &str = "shapes";
 const OTHERS: [&str; 2] = ["figure-3.12", "push"];
 
 /// Not part of `all`, which would take hours with them.
-const LONG: [&str; 2] = [SHAPES, "calibration"];
+const LONG: [&str; 3] = [SHAPES, "calibration", "memory"];
 
 fn names() -> Vec<&'static str> {
     let figures = FIGURES.iter().map(|f| f.name);
@@ -192,6 +192,10 @@ fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
     }
     if name == "calibration" {
         let table = calibration::run(data().as_deref(), 0, args.seeds).map_err(Error::failure)?;
+        return Outcome::new(name, &table, None);
+    }
+    if name == "memory" {
+        let table = memory::run(args.seeds).map_err(Error::failure)?;
         return Outcome::new(name, &table, None);
     }
     let table = match name {

@@ -4,6 +4,7 @@
 pub mod calibration;
 pub mod chapter2;
 pub mod known_pose;
+pub mod memory;
 pub mod model;
 pub mod push;
 pub mod shapes;

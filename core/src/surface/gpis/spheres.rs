@@ -1,9 +1,11 @@
 //! In/out-sphere training with normalisation: thesis 2.2.4.
 
 use super::{Gpis, Site, Training};
+use crate::contact::Contact;
 use crate::math;
 use crate::matrix::Coordinates;
 use crate::space::Space;
+use crate::surface::Insertion;
 use crate::surface::kernel::Kernel;
 use crate::surface::prior::Prior;
 
@@ -98,16 +100,34 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     }
 
     /// Adds a contact's sites without their covariances, which wait for [`enclose`](Self::enclose).
-    pub(super) fn defer(&mut self, leader: Site<S>, spheres: &Spheres) {
-        let offsets = spheres.offset.filter(|_| leader.felt);
-        let followers = if offsets.is_some() { 2 } else { 0 };
-        let precision = 1.0 / (self.kernel.variance() + leader.noise);
-        for _ in 0..=followers {
-            let first = self.count;
-            self.sites[first] = Site { row: first as u16, value_precision: precision, ..leader };
+    /// At capacity the contact that others explain best goes, which may be the new one: what it
+    /// knew is lost, since the covariances are made anew.
+    pub(super) fn defer(&mut self, contact: &Contact<S>, spheres: &Spheres) -> Insertion {
+        self.open();
+        let followers =
+            if contact.normal.is_some() && spheres.offset.is_some() { 2u8 } else { 0 };
+        let sites = 1 + usize::from(followers) + spheres.points();
+        let mut released = 0;
+        while !self.fits(sites, sites) {
+            let Some(leader) = self.most_redundant(contact) else { return Insertion::Dropped };
+            let after = leader + 1 + usize::from(self.sites[leader].followers);
+            self.sites.copy_within(after..self.count, leader);
+            self.count -= after - leader;
+            for (row, site) in self.sites[..self.count].iter_mut().enumerate() {
+                site.row = row as u16;
+            }
+            released += 1;
+        }
+        let (own, _) = self.sites_of(contact);
+        let leader = own[0].0;
+        let value_precision = 1.0 / (self.kernel.variance() + leader.noise);
+        for follower in 0..=followers {
+            let (row, aside) = (self.count as u16, follower > 0);
+            self.sites[self.count] = Site { row, aside, value_precision, ..leader };
             self.count += 1;
         }
         self.sites[self.count - 1 - usize::from(followers)].followers = followers;
+        if released > 0 { Insertion::Replaced(released) } else { Insertion::Stored }
     }
 
     /// Normalises and factors everything anew: all contacts, then the points of the spheres. A
@@ -144,7 +164,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             if let (Some(offset), true) = (spheres.offset, leader.followers > 0) {
                 for value in [offset * extent, -offset * extent] {
                     let point = leader.point + leader.normal * value;
-                    let site = Site { point, value, followers: 0, ..leader };
+                    let site = Site { point, value, followers: 0, aside: true, ..leader };
                     outcome = outcome.and_then(|()| self.append(site, leader.noise, 0.0));
                 }
             }
@@ -157,18 +177,12 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         for index in 0..spheres.points() {
             let (direction, value) = spheres.point::<S>(index);
             let point = centre + direction * extent;
-            let site = Site { point, value: value * extent, noise, ..Site::UNSET };
+            let site = Site { point, value: value * extent, noise, aside: true, ..Site::UNSET };
             // A point that adds nothing to the others is left out.
             let _ = self.append(site, noise, 0.0);
         }
         self.enclosing = self.count - contacts;
         self.count = contacts;
-        // The kernel has changed, and with it what every contact says of the others.
-        let mut leader = 0;
-        while leader < self.count {
-            self.rate(leader);
-            leader += 1 + usize::from(self.sites[leader].followers);
-        }
     }
 
     /// Rows that contacts occupy or are going to.

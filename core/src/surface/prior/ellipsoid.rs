@@ -73,7 +73,7 @@ impl<S: Space> Ellipsoid<S> {
 
     /// B d.
     #[inline(always)]
-    fn bend(&self, d: S::Vector) -> S::Vector {
+    fn turn(&self, d: S::Vector) -> S::Vector {
         S::Vector::from_fn(|i| (0..S::DIMENSION).map(|j| self.curvature.at(i, j) * d[j]).sum())
     }
 
@@ -224,10 +224,21 @@ impl Triangle {
 impl<S: Space> Prior<S> for Ellipsoid<S> {
     const UNSET: Self = Ellipsoid { centre: S::Vector::ZERO, curvature: Matrix::ZERO, height: 0.0 };
 
+    /// At most the Frobenius norm of B.
+    fn bend(&self) -> f32 {
+        let mut squares = 0.0;
+        for i in 0..S::DIMENSION {
+            for j in 0..S::DIMENSION {
+                squares += self.curvature.at(i, j) * self.curvature.at(i, j);
+            }
+        }
+        math::sqrt(squares)
+    }
+
     #[inline(always)]
     fn mean(&self, point: S::Vector) -> (f32, S::Vector) {
         let d = point - self.centre;
-        let slope = self.bend(d);
+        let slope = self.turn(d);
         (0.5 * (d.dot(slope) - self.height), slope)
     }
 
