@@ -302,7 +302,7 @@ mod tests {
     use crate::random::Random;
     use crate::space::{Planar, Spatial};
     use crate::surface::cholesky::packed;
-    use crate::surface::{Ball, Matern32, SquaredExponential, ThinPlate, Training};
+    use crate::surface::{Ball, Map, Matern32, SquaredExponential, ThinPlate, Training};
 
     /// The signed distance of a ball of 30 mm.
     struct Round;
