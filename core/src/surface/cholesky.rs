@@ -121,10 +121,18 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
         for i in 0..n {
             let row = &mut self.lower[start(i)..start(i + 1)];
             let mut v = v[i];
-            for (l, &(c, s, inverse)) in row.iter_mut().zip(&turns[..i]) {
+            let mut turn = |l: &mut f32, &(c, s, inverse): &(f32, f32, f32)| {
                 *l = (*l - s * v) * inverse;
                 v = c * v - s * *l;
+            };
+            let (row4, rest) = row[..i].as_chunks_mut::<4>();
+            let (turns4, last) = turns[..i].as_chunks::<4>();
+            for (row, turns) in row4.iter_mut().zip(turns4) {
+                for j in 0..4 {
+                    turn(&mut row[j], &turns[j]);
+                }
             }
+            rest.iter_mut().zip(last).for_each(|(l, t)| turn(l, t));
             let d = row[i];
             let left = d * d - v * v;
             // NaN fails the comparison.

@@ -338,8 +338,12 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     fn factorise(&mut self, mut site: Site<S>) -> Result<(), NotPositiveDefinite> {
         let first = self.factor.rows();
         site.row = first as u16;
-        for old in 0..self.count {
-            self.stage_cross(&site, old);
+        if site.slope {
+            for old in 0..self.count {
+                self.stage_cross(&site, old);
+            }
+        } else {
+            self.stage_value(&site);
         }
         for i in 0..site.rows() {
             let row = self.factor.stage(i);
@@ -363,7 +367,24 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         Ok(())
     }
 
-    /// Writes the covariances of the new `site` with the old one into the staged rows.
+    /// Writes the covariances of a new site of one row with all others into the staged row.
+    fn stage_value(&mut self, site: &Site<S>) {
+        let row = self.factor.stage(0);
+        for other in &self.sites[..self.count] {
+            let d = site.point - other.point;
+            let Radial { k, a, .. } = self.kernel.radial(d.norm_squared());
+            let at = usize::from(other.row);
+            row[at] = k;
+            if other.slope {
+                for j in 0..S::DIMENSION {
+                    row[at + 1 + j] = -a * d[j];
+                }
+            }
+        }
+    }
+
+    /// Writes the covariances of the new `site`, with its slopes, and the old one into the staged
+    /// rows.
     #[inline]
     fn stage_cross(&mut self, site: &Site<S>, old: usize) {
         let other = &self.sites[old];
@@ -376,9 +397,6 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             for j in 0..S::DIMENSION {
                 row[at + 1 + j] = -a * d[j];
             }
-        }
-        if !site.slope {
-            return;
         }
         for i in 0..S::DIMENSION {
             let row = self.factor.stage(1 + i);

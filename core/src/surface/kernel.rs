@@ -38,8 +38,10 @@ pub trait Kernel: Copy + Send + Sync + 'static {
     ///
     /// By Cauchy and Schwarz the first is the length of E[k_X − k_x − ∇k_x·(X − x)], whose linear part
     /// is zero, and with r = |X − x| a single one has the square 2 (k(0) − k(r) + a r²) − a(0) r²; the
-    /// second is that of E[∂k_X − ∂k_x], at most 2 (−a(0) + max(a, a + b r²)) squared. Each kernel
-    /// bounds these by powers of r whose roots are concave in r², so that the mean comes under them.
+    /// second is that of E[∂k_X − ∂k_x], at most 2 (−a(0) + max(a, a + b r²)) squared, or with a linear
+    /// part taken off where ∇f has slopes. In the spectrum, with θ = ω·(X − x), they are
+    /// E |e^{iθ} − 1 − iθ|² ≤ E θ⁴/4, and the same times ω² for the gradient. Each kernel bounds these
+    /// by powers of r whose roots are concave in r², so that the mean comes under them.
     fn interpolation(&self, spread: f32) -> (f32, f32);
 }
 
@@ -100,10 +102,11 @@ impl Kernel for SquaredExponential {
         self.variance() / (self.lengthscale * self.lengthscale)
     }
 
-    /// With q = r²/2ℓ²: 2 − 2e⁻ᑫ + 2q − 4q e⁻ᑫ ≤ 3q², and 1 − e⁻ᑫ (1 − 2q) ≤ 3q.
+    /// E θ⁴/4 over the spectrum is 3 s²r⁴/4ℓ⁴, E ω²θ⁴/4 at most 15 s²r⁴/4ℓ⁶.
     fn interpolation(&self, spread: f32) -> (f32, f32) {
         let u2 = spread * spread / (self.lengthscale * self.lengthscale);
-        (SQRT_3 * 0.5 * u2 * self.amplitude, math::sqrt(3.0 * self.slope_variance() * u2))
+        let value = 0.5 * SQRT_3 * self.amplitude * u2;
+        (value, SQRT_5 * value / self.lengthscale)
     }
 }
 
@@ -159,6 +162,7 @@ impl Kernel for Matern32 {
 }
 
 const SQRT_3: f32 = 1.732_050_8;
+const SQRT_5: f32 = 2.236_068;
 
 /// s² (2r³ − 3R r² + R³)/R³: thesis 2.17 with a *constant* range R. It is positive definite only
 /// while every distance stays below R; keep R ≥ 1.5 times the diameter of the data and of the region

@@ -234,9 +234,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         let mut rest = &mut self.noise[..];
         for i in 0..n {
             let (row, later) = rest.split_at_mut(i + 1);
-            for (noise, other) in row.iter_mut().zip(&w[..=i]) {
-                *noise -= w[i] * other;
-            }
+            subtract(row, w[i], &w[..=i]);
             // Rounding must not take more than there is.
             row[i] = math::max(row[i], 0.0);
             rest = later;
@@ -336,20 +334,26 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         let (prior, slope) = (self.kernel.variance(), self.kernel.slope_variance());
         let (value_precision, slope_precision) = (1.0 / prior, 1.0 / slope);
         let mut least = prior;
+        // What is further away than this explains less than what was found.
+        let mut limit = f32::INFINITY;
         for leader in self.leaders() {
             let other = &self.sites[leader];
             let d2 = (at.point - other.point).norm_squared();
+            if d2 >= limit || Some(leader) == except {
+                continue;
+            }
+            let Radial { k, a, .. } = self.kernel.radial(d2);
+            let left = prior - k * k * value_precision - a * a * d2 * slope_precision;
+            if left >= least {
+                limit = d2;
+                continue;
+            }
             let mut turn = 0.0;
             if at.felt && other.felt {
                 let noise = 2.0 * (doubt + self.slope_noise(other));
                 turn = d2 * math::max((at.normal - other.normal).norm_squared() - noise, 0.0);
             }
-            // The turn alone may decide, without the kernel.
-            if turn < least && Some(leader) != except {
-                let Radial { k, a, .. } = self.kernel.radial(d2);
-                let left = prior - k * k * value_precision - a * a * d2 * slope_precision;
-                least = math::min(left + turn, least);
-            }
+            least = math::min(left + turn, least);
         }
         least
     }
@@ -428,5 +432,20 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             // K + Σ is positive definite and was a moment ago; else the site is lost.
             let _ = self.factorise(site);
         }
+    }
+}
+
+/// row ← row − scale·w, four numbers at a time.
+#[inline]
+fn subtract(row: &mut [f32], scale: f32, w: &[f32]) {
+    let (row4, row) = row.as_chunks_mut::<4>();
+    let (w4, w) = w.as_chunks::<4>();
+    for (row, w) in row4.iter_mut().zip(w4) {
+        for j in 0..4 {
+            row[j] -= scale * w[j];
+        }
+    }
+    for (row, w) in row.iter_mut().zip(w) {
+        *row -= scale * w;
     }
 }
