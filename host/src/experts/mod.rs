@@ -92,8 +92,11 @@ const WIDE: (f64, f64) = (8.0, 4.0);
 const LEVELS: i32 = 40;
 
 /// An expert that sees more than this many times the sites it takes near it has values only of what
-/// is farther away, which keeps its matrix small.
+/// is farther away, which keeps its matrix small, if more than [`ORIENTED`] times as many are near.
 const CROWD: f64 = 1.4;
+
+/// See [`CROWD`].
+const ORIENTED: f64 = 0.25;
 
 /// Points whose variance one task computes at one expert.
 const BLOCK: usize = 64;
@@ -338,16 +341,21 @@ impl Experts {
             Some((_, expert)) if expert.sources == sources => expert,
             _ => {
                 let Settings { kernel, dimension, .. } = self.settings;
-                // Where sites are dense, their values say from afar what their normals would.
-                let crowded = sources.len() as f64 > CROWD * self.settings.most as f64;
+                // Where sites are dense, their values say from afar what their normals would; but
+                // somebody has to say which side is outside.
+                let is_near = |source: &Source| matches!(source, Source::Near(_));
+                let near = sources.iter().filter(|s| is_near(&s.0)).count() as f64;
+                let most = self.settings.most as f64;
+                let oriented = near > ORIENTED * most;
+                let crowded = sources.len() as f64 > CROWD * most;
                 let seen: Vec<_> = sources
                     .iter()
                     .map(|(source, _)| {
-                        let near = matches!(source, Source::Near(_));
+                        let near = is_near(source);
                         let mut seen =
                             self.pyramid.moments(*source).observation(&kernel, dimension);
-                        seen.slope = seen.slope.filter(|_| near || !crowded);
-                        (near, seen)
+                        seen.slope = seen.slope.filter(|_| near || !(oriented && crowded));
+                        (near || !oriented, seen)
                     })
                     .collect();
                 Arc::new(Expert::fit(kernel, dimension, sources, &seen, &self.budget))
