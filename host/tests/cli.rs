@@ -260,6 +260,7 @@ fn bad_arguments_are_refused() {
         ("live --port tcp:nowhere --log good.jsonl", &["tcp:nowhere"]),
         ("replay file -o x.jsonl", &["file"]),
         ("reproduce figure-9.9", &["figure-9.9", "figure-2.7"]),
+        ("reproduce figure-2.9 --seeds 1 --out file", &["file", "write"]),
         ("dance", &["dance"]),
     ] {
         bench.refuses(line, words);
@@ -289,7 +290,22 @@ fn contacts_come_from_tables() {
     bench.refuses("import csv c.csv -o d.jsonl", &["c.csv", "line 3", "pear"]);
 }
 
-/// Issue: mean distance ≤ 2.5 mm to the true triangle on every recording of real pushes.
+#[test]
+fn figures_are_numbers_and_pictures() {
+    let bench = Bench::new();
+    let said = bench.does("reproduce figure-2.9 --seeds 1 --json --out figures");
+    let numbers: Value = serde_json::from_str(&said).unwrap();
+    let lines = numbers[0]["lines"].as_array().unwrap();
+    assert!(lines.iter().any(|l| l["model"] == "thesis SE" && l["contacts"] == 3), "{numbers}");
+    assert!(lines.iter().all(|l| number(&l["hausdorff_mm"]["median"]) < 60.0), "{numbers}");
+    let picture = fs::read(bench.at("figures/figure-2.9.png")).unwrap();
+    assert!(picture.starts_with(b"\x89PNG"));
+    let written: Value =
+        serde_json::from_slice(&fs::read(bench.at("figures/figure-2.9.json")).unwrap()).unwrap();
+    assert_eq!(written, numbers[0]);
+}
+
+/// Mean distance ≤ 2.5 mm to the true triangle on every recording of real pushes.
 #[test]
 fn real_pushes_give_the_block() {
     let Some(data) = tactile_host::experiment::data() else {

@@ -2,8 +2,11 @@
 //! thesis' number beside ours.
 
 pub mod calibration;
+pub mod chapter2;
 pub mod known_pose;
+pub mod model;
 pub mod push;
+pub mod touches;
 pub mod tracking;
 
 use std::fmt;
@@ -37,6 +40,15 @@ fn evaluate(
 ) -> Option<Report> {
     let provenance = Provenance { title: "", tracker, surface, tracking_seconds: 0.0 };
     conclude(log, truth, steps, provenance).ok().map(|outcome| outcome.report)
+}
+
+/// A picture that an experiment draws.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Picture {
+    /// Of its file.
+    pub name: String,
+    /// Its content, PNG.
+    pub png: Vec<u8>,
 }
 
 /// Median and quartiles of a sample, ignoring what is not finite.

@@ -12,7 +12,7 @@ use crate::space::{Point, Pose};
 
 /// Indexed triangles, counter-clockwise seen from outside. No triangles at all is the mesh of
 /// nothing.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Mesh {
     vertices: Vec<Point>,
     triangles: Vec<[u32; 3]>,

@@ -3,7 +3,7 @@
 //! A simulation speaks to an estimator only through its log.
 
 pub mod objects;
-mod random;
+pub(crate) mod random;
 pub mod touch;
 pub mod world;
 

@@ -7,7 +7,7 @@ use crate::log::GraspLog;
 use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::{Contact, Gpis};
 use crate::shape::lattice::LatticeError;
-use crate::shape::{Geometry, contour, surface};
+use crate::shape::{Field, Geometry, contour, surface};
 use crate::slam::choose::{self, Choice, Model, Refusal};
 use crate::slam::fit::fit;
 use crate::slam::free::Free;
@@ -103,20 +103,32 @@ pub fn reconstruct(
     if contacts.is_empty() {
         return Err(Error::NoContacts);
     }
+    let (model, geometry, deviations) = shape(log.dimension, &contacts, &free(log, steps), choice)?;
+    Ok(Reconstruction { geometry, deviations, contacts: placed, model })
+}
+
+/// The shape of contacts, and of `free` points outside it, in the object frame: the model chosen, outline or mesh, and the standard
+/// deviation at each of its vertices, metres.
+///
+/// # Errors
+/// As [`reconstruct()`].
+pub fn shape(
+    dimension: usize,
+    contacts: &[Contact],
+    free: &[Free],
+    choice: Choice,
+) -> Result<(Model, Geometry, Vec<f64>), Error> {
     let polytope = match choice {
-        Choice::Auto => choose::judge(log.dimension, &contacts).ok(),
-        Choice::Faces => Some(choose::polytope(log.dimension, &contacts).map_err(Error::Faces)?),
+        Choice::Auto => choose::judge(dimension, contacts).ok(),
+        Choice::Faces => Some(choose::polytope(dimension, contacts).map_err(Error::Faces)?),
         Choice::Gp => None,
     };
-    let (model, geometry, deviations) = match polytope {
-        Some((faces, shape)) => (Model::Faces(faces), shape.geometry, shape.deviations),
-        None => {
-            let (kernel, gpis) = fit(log.dimension, &contacts, &free(log, steps))?;
-            let (geometry, deviations) = extract(log.dimension, &gpis, &contacts)?;
-            (Model::Gp(kernel), geometry, deviations)
-        }
-    };
-    Ok(Reconstruction { geometry, deviations, contacts: placed, model })
+    if let Some((faces, shape)) = polytope {
+        return Ok((Model::Faces(faces), shape.geometry, shape.deviations));
+    }
+    let (kernel, gpis) = fit(dimension, contacts, free)?;
+    let (geometry, deviations) = extract(dimension, &gpis, contacts)?;
+    Ok((Model::Gp(kernel), geometry, deviations))
 }
 
 /// The log's contacts in the object frame. The doubt about a pose along a contact's normal, and
@@ -173,9 +185,12 @@ pub fn free(log: &GraspLog, steps: &[Step]) -> Vec<Free> {
 }
 
 /// The touched part of the zero set, in a box about the contacts that grows until it holds it.
-fn extract(
+///
+/// # Errors
+/// Without contacts, or when the contacts span no usable volume.
+pub fn extract(
     dimension: usize,
-    gpis: &Gpis,
+    gpis: &dyn Field,
     contacts: &[Contact],
 ) -> Result<(Geometry, Vec<f64>), Error> {
     let points: Vec<Point> = contacts.iter().map(|c| c.point).collect();

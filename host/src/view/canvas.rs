@@ -163,6 +163,19 @@ impl Canvas {
         self.pixmap.draw_pixmap(left, top, layer.as_ref(), &how, Transform::identity(), None);
     }
 
+    /// Lays a smaller canvas over this one, what does not fit cut off.
+    pub fn place(&mut self, left: i32, top: i32, other: &Canvas) {
+        let how = PixmapPaint::default();
+        self.pixmap.draw_pixmap(
+            left,
+            top,
+            other.pixmap.as_ref(),
+            &how,
+            Transform::identity(),
+            None,
+        );
+    }
+
     /// Writes one line; `at` is on the baseline. Returns its width in pixels.
     pub fn text(&mut self, at: Pixel, style: Style, text: &str) -> f32 {
         let width = self.text_width(style, text);

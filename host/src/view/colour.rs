@@ -65,6 +65,21 @@ pub(super) fn grasp(index: usize, count: usize) -> Colour {
     along(&STOPS, index as f64 / count.saturating_sub(1).max(1) as f64)
 }
 
+/// The colour of one curve among several; they repeat after eight.
+pub(super) fn series(number: usize) -> Colour {
+    const SERIES: [Colour; 8] = [
+        Colour::hex(0xd3702c),
+        Colour::hex(0x8a6d3b),
+        Colour::hex(0x2463a8),
+        Colour::hex(0x2a9d6f),
+        Colour::hex(0xb44fc0),
+        Colour::hex(0x667281),
+        Colour::hex(0xc2a11c),
+        Colour::hex(0x3bb0c9),
+    ];
+    SERIES[number % SERIES.len()]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -3,9 +3,11 @@
 mod canvas;
 mod chart;
 mod colour;
+pub mod curves;
 mod model;
 mod plane;
 mod raster;
 pub mod report;
+pub mod sheet;
 pub mod summary;
 pub mod trajectory;

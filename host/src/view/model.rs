@@ -33,14 +33,60 @@ pub(super) fn draw(
         ("from behind, below", Point::new(-0.75, 1.0, -0.65), small),
         ("from above", Point::z(), Frame { top: frame.top + half, ..small }),
     ];
-    let normals = vertex_normals(estimate);
-    let edges = truth.map(edges).unwrap_or_default();
+    let model = Model::new(estimate, truth);
     for (name, towards, frame) in views {
-        let camera = Camera::new(towards, shown.bounds, frame.inset(46.0, 50.0, 46.0, 50.0));
-        let raster = paint(canvas, &frame, &camera, shown, estimate, &normals);
+        let within = frame.inset(46.0, 50.0, 46.0, 50.0);
+        let camera = model.draw(canvas, &frame, &within, towards, shown);
+        let style = Style::new(14.0, QUIET);
+        canvas.text([frame.left + 22.0, frame.top + 30.0], style, name);
+        triad(canvas, &camera, [frame.left + 50.0, frame.bottom() - 46.0]);
+        ruler(canvas, &camera, [frame.right() - 24.0, frame.bottom() - 22.0]);
+    }
+}
+
+/// One view of the mesh, for a small frame.
+pub(super) fn draw_small(
+    canvas: &mut Canvas,
+    frame: &Frame,
+    shown: &Shown,
+    estimate: &Mesh,
+    truth: Option<&Mesh>,
+) {
+    canvas.fill_card(frame, 10.0, PANEL);
+    let within = frame.inset(26.0, 22.0, 26.0, 34.0);
+    let towards = Point::new(0.75, -1.0, 0.65);
+    let camera = Model::new(estimate, truth).draw(canvas, frame, &within, towards, shown);
+    ruler(canvas, &camera, [frame.right() - 16.0, frame.bottom() - 8.0]);
+}
+
+/// What every view of a mesh needs.
+struct Model<'a> {
+    mesh: &'a Mesh,
+    normals: Vec<Point>,
+    /// Of the true shape.
+    edges: Vec<Edge>,
+}
+
+impl<'a> Model<'a> {
+    fn new(mesh: &'a Mesh, truth: Option<&Mesh>) -> Self {
+        let edges = truth.map(edges).unwrap_or_default();
+        Self { mesh, normals: vertex_normals(mesh), edges }
+    }
+
+    /// Draws what is seen from `towards`, the object filling the frame `within`.
+    fn draw(
+        &self,
+        canvas: &mut Canvas,
+        frame: &Frame,
+        within: &Frame,
+        towards: Point,
+        shown: &Shown,
+    ) -> Camera {
+        let camera = Camera::new(towards, shown.bounds, *within);
+        let raster = paint(canvas, frame, &camera, shown, self.mesh, &self.normals);
         let slack = SLACK * (shown.bounds.1 - shown.bounds.0).norm();
         let scene = Scene { camera, raster, slack };
-        for edge in edges.iter().filter(|e| e.sharp || e.is_silhouette(&camera)) {
+        for edge in self.edges.iter().filter(|e| e.sharp || e.is_silhouette(&camera)) {
             scene.edge(canvas, edge);
         }
         // The nearest contacts last, over those behind.
@@ -49,10 +95,7 @@ pub(super) fn draw(
         for touch in touches {
             scene.contact(canvas, touch, shown.grasps);
         }
-        let style = Style::new(14.0, QUIET);
-        canvas.text([frame.left + 22.0, frame.top + 30.0], style, name);
-        triad(canvas, &camera, [frame.left + 50.0, frame.bottom() - 46.0]);
-        ruler(canvas, &camera, [frame.right() - 24.0, frame.bottom() - 22.0]);
+        camera
     }
 }
 

@@ -7,6 +7,9 @@ use super::summary::{Shown, Touch};
 use crate::shape::Outline;
 use crate::space::Point;
 
+/// Frames narrower than this many pixels do without the axes' name.
+const SMALL: f32 = 600.0;
+
 /// Maps metres to pixels.
 struct View {
     frame: Frame,
@@ -38,10 +41,14 @@ pub(super) fn draw(
     truth: Option<&Outline>,
 ) {
     canvas.fill_card(frame, 10.0, PANEL);
-    let plot = frame.inset(66.0, 22.0, 22.0, 58.0);
+    let plot = match frame.width < SMALL {
+        true => frame.inset(48.0, 16.0, 16.0, 34.0),
+        false => frame.inset(66.0, 22.0, 22.0, 58.0),
+    };
     let (least, greatest) = shown.bounds;
     let size = greatest - least;
-    let fits = |span: f64, pixels: f32| f64::from(pixels - 70.0) / span.max(1e-6);
+    let room = 0.07 * plot.width;
+    let fits = |span: f64, pixels: f32| f64::from(pixels - room) / span.max(1e-6);
     let scale = fits(size.x, plot.width).min(fits(size.y, plot.height));
     let view = View { frame: plot, middle: (least + greatest) / 2.0, scale };
 
@@ -84,8 +91,10 @@ fn axes(canvas: &mut Canvas, view: &View) {
         let style = Style::new(14.0, QUIET).anchored(Anchor::End);
         canvas.text([left - 10.0, at + 5.0], style, &label(y));
     }
-    let style = Style::new(14.0, QUIET).anchored(Anchor::End);
-    canvas.text([right, bottom + 42.0], style, "object frame, mm");
+    if view.frame.width >= SMALL {
+        let style = Style::new(14.0, QUIET).anchored(Anchor::End);
+        canvas.text([right, bottom + 42.0], style, "object frame, mm");
+    }
 }
 
 /// Two standard deviations either way, as a pale band.

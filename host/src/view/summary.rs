@@ -74,7 +74,7 @@ pub(super) struct Shown {
 }
 
 impl Shown {
-    fn new(summary: &Summary) -> Self {
+    pub fn new(summary: &Summary) -> Self {
         let mut shapes = vertices(&summary.estimate);
         shapes.extend(summary.truth.iter().flat_map(vertices));
         let points: Vec<Point> = summary.contacts.iter().map(|c| c.0).collect();
@@ -247,7 +247,7 @@ fn legend(canvas: &mut Canvas, frame: &Frame, summary: &Summary, shown: &Shown) 
     }
 }
 
-fn bar(canvas: &mut Canvas, frame: Frame, tint: impl Fn(f64) -> colour::Colour) {
+pub(super) fn bar(canvas: &mut Canvas, frame: Frame, tint: impl Fn(f64) -> colour::Colour) {
     let columns = frame.width as usize;
     for i in 0..columns {
         let column = Frame { left: frame.left + i as f32, width: 1.0, ..frame };
@@ -256,7 +256,7 @@ fn bar(canvas: &mut Canvas, frame: Frame, tint: impl Fn(f64) -> colour::Colour) 
 }
 
 /// A round end for the colour scale: 95 % of the surface lies below it.
-fn scale_end(deviations: &[f64]) -> f64 {
+pub(super) fn scale_end(deviations: &[f64]) -> f64 {
     let mut known: Vec<f64> = deviations.iter().copied().filter(|d| d.is_finite()).collect();
     known.sort_by(f64::total_cmp);
     let wanted = known.get(known.len() * 95 / 100).copied().unwrap_or(0.0) * 1e3;

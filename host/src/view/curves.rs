@@ -1,0 +1,209 @@
+//! Curves over a common axis, as the thesis plots errors against the number of contacts: medians as
+//! lines, quartiles as bands, on a logarithmic scale.
+
+use super::canvas::{Anchor, Canvas, Frame, Pixel, Style};
+use super::chart::label;
+use super::colour::{self, GRID, INK, PANEL, PAPER, QUIET};
+use super::summary::PictureError;
+
+/// A value with its quartiles at one place of the axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mark {
+    /// Where on the horizontal axis.
+    pub x: f64,
+    /// Lower quartile.
+    pub low: f64,
+    /// Median.
+    pub median: f64,
+    /// Upper quartile.
+    pub high: f64,
+}
+
+/// One curve.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Curve {
+    /// As the legend names it.
+    pub name: String,
+    /// In order of x.
+    pub marks: Vec<Mark>,
+}
+
+/// Curves with one pair of axes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plot {
+    /// Above it.
+    pub title: String,
+    /// What the horizontal axis says.
+    pub across: String,
+    /// What the vertical axis says.
+    pub up: String,
+    /// Drawn in this order.
+    pub curves: Vec<Curve>,
+}
+
+/// Width and height of a plot, pixels.
+const SIZE: (f32, f32) = (760.0, 520.0);
+
+/// Plots in one picture at most.
+const MOST: usize = 12;
+
+/// Draws the plots side by side and returns the picture as PNG. Values that are not finite and
+/// positive are left out; so are plots beyond the twelfth.
+///
+/// # Errors
+/// When the picture cannot be made, see [`PictureError`].
+pub fn render(plots: &[Plot]) -> Result<Vec<u8>, PictureError> {
+    let plots = &plots[..plots.len().min(MOST)];
+    let columns = plots.len().clamp(1, 2);
+    let rows = plots.len().div_ceil(columns).max(1);
+    let (width, height) = (columns as f32 * SIZE.0, rows as f32 * SIZE.1);
+    let mut canvas = Canvas::new(width as u32, height as u32, PAPER)?;
+    for (i, plot) in plots.iter().enumerate() {
+        let (left, top) = ((i % columns) as f32 * SIZE.0, (i / columns) as f32 * SIZE.1);
+        let frame = Frame { left, top, width: SIZE.0, height: SIZE.1 };
+        draw(&mut canvas, &frame.inset(14.0, 14.0, 14.0, 14.0), plot);
+    }
+    canvas.encode()
+}
+
+/// Both axes' ends: x as it is, y in decades.
+struct Axes {
+    plot: Frame,
+    x: (f64, f64),
+    decades: (f64, f64),
+}
+
+impl Axes {
+    fn new(plot: Frame, curves: &[Curve]) -> Option<Axes> {
+        let marks = || curves.iter().flat_map(|c| &c.marks).filter(|m| shows(m));
+        let least = |f: fn(&Mark) -> f64| marks().map(f).fold(f64::INFINITY, f64::min);
+        let most = |f: fn(&Mark) -> f64| marks().map(f).fold(f64::NEG_INFINITY, f64::max);
+        let x = (least(|m| m.x), most(|m| m.x));
+        let decades = (least(|m| m.low).log10(), most(|m| m.high).log10());
+        if !(x.0.is_finite() && decades.0.is_finite() && decades.1.is_finite()) {
+            return None;
+        }
+        let widen = |(a, b): (f64, f64), share: f64, least: f64| {
+            let room = (share * (b - a)).max(least);
+            (a - room, b + room)
+        };
+        Some(Axes { plot, x: widen(x, 0.04, 1e-3), decades: widen(decades, 0.06, 0.05) })
+    }
+
+    fn pixel(&self, x: f64, value: f64) -> Pixel {
+        let share = |v: f64, (a, b): (f64, f64)| ((v - a) / (b - a)) as f32;
+        [
+            self.plot.left + self.plot.width * share(x, self.x),
+            self.plot.bottom() - self.plot.height * share(value.log10(), self.decades),
+        ]
+    }
+}
+
+/// Whether a logarithmic axis can show it.
+fn shows(mark: &Mark) -> bool {
+    let positive = |v: f64| v > 0.0 && v.is_finite();
+    mark.x.is_finite() && positive(mark.low) && positive(mark.median) && positive(mark.high)
+}
+
+/// 1, 2 and 5 times the powers of ten between the ends.
+fn rungs((from, to): (f64, f64)) -> Vec<f64> {
+    let powers = (from.floor() as i32)..=(to.ceil() as i32);
+    let all = powers.flat_map(|p| [1.0, 2.0, 5.0].map(|f| f * 10f64.powi(p)));
+    all.filter(|v| v.log10() >= from && v.log10() <= to).collect()
+}
+
+fn draw(canvas: &mut Canvas, frame: &Frame, plot: &Plot) {
+    canvas.fill_card(frame, 10.0, PANEL);
+    let title = Style::new(18.0, INK).bold();
+    canvas.text([frame.left + 22.0, frame.top + 34.0], title, &plot.title);
+    let quiet = Style::new(13.0, QUIET);
+    canvas.text([frame.left + 22.0, frame.top + 58.0], quiet, &plot.up);
+    let within = frame.inset(62.0, 76.0, 190.0, 56.0);
+    let Some(axes) = Axes::new(within, &plot.curves) else {
+        canvas.text([within.left, within.top + 40.0], quiet, "nothing to show");
+        return;
+    };
+    for value in rungs(axes.decades) {
+        let y = axes.pixel(axes.x.0, value)[1];
+        canvas.line(&[[within.left, y], [within.right(), y]], 1.0, GRID);
+        canvas.text([within.left - 8.0, y + 4.5], quiet.anchored(Anchor::End), &label(value));
+    }
+    let mut places: Vec<f64> =
+        plot.curves.iter().flat_map(|c| &c.marks).filter(|m| shows(m)).map(|m| m.x).collect();
+    places.sort_by(f64::total_cmp);
+    places.dedup();
+    let mut free = f32::NEG_INFINITY;
+    for x in places {
+        let at = axes.pixel(x, 1.0)[0];
+        if at > free {
+            let below = [at, within.bottom() + 20.0];
+            canvas.text(below, quiet.anchored(Anchor::Middle), &label(x));
+            free = at + 24.0;
+        }
+    }
+    let middle = [within.left + within.width / 2.0, frame.bottom() - 14.0];
+    canvas.text(middle, quiet.anchored(Anchor::Middle), &plot.across);
+
+    for (number, curve) in plot.curves.iter().enumerate() {
+        let tint = colour::series(number);
+        let marks: Vec<&Mark> = curve.marks.iter().filter(|m| shows(m)).collect();
+        let mut band: Vec<Pixel> = marks.iter().map(|m| axes.pixel(m.x, m.high)).collect();
+        band.extend(marks.iter().rev().map(|m| axes.pixel(m.x, m.low)));
+        canvas.fill_area(&[band], tint.faded(0.14));
+        let line: Vec<Pixel> = marks.iter().map(|m| axes.pixel(m.x, m.median)).collect();
+        canvas.line(&line, 2.6, tint);
+        for p in &line {
+            canvas.fill_dot(*p, 4.0, tint);
+        }
+        let (x, y) = (within.right() + 20.0, within.top + 14.0 + 26.0 * number as f32);
+        canvas.line(&[[x, y - 5.0], [x + 26.0, y - 5.0]], 3.0, tint);
+        let style = Style::new(14.0, INK);
+        let name = canvas.fitted(style, &curve.name, 128.0);
+        canvas.text([x + 36.0, y], style, &name);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mark(x: f64, median: f64) -> Mark {
+        Mark { x, low: median / 2.0, median, high: median * 2.0 }
+    }
+
+    #[test]
+    fn rungs_are_round() {
+        assert_eq!(rungs((0.0, 1.0)), [1.0, 2.0, 5.0, 10.0]);
+        let small = rungs((-1.1, -0.6));
+        assert_eq!(small.len(), 2);
+        assert!((small[0] - 0.1).abs() < 1e-12 && (small[1] - 0.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn medians_lie_within_their_band_and_the_frame() {
+        let curve = Curve { name: "gp".into(), marks: vec![mark(5.0, 10.0), mark(40.0, 1.0)] };
+        let frame = Frame { left: 10.0, top: 10.0, width: 300.0, height: 200.0 };
+        let axes = Axes::new(frame, std::slice::from_ref(&curve)).unwrap();
+        for m in &curve.marks {
+            let [high, median, low] = [m.high, m.median, m.low].map(|v| axes.pixel(m.x, v)[1]);
+            assert!(high < median && median < low);
+            assert!(high > frame.top && low < frame.bottom());
+        }
+        assert!(axes.pixel(5.0, 10.0)[0] < axes.pixel(40.0, 1.0)[0]);
+    }
+
+    #[test]
+    fn what_cannot_be_shown_is_left_out() {
+        let curve = |marks| Curve { name: "a model".into(), marks };
+        let plot = |curves| Plot {
+            title: "Error".into(),
+            across: "contacts".into(),
+            up: "mm".into(),
+            curves,
+        };
+        let odd = vec![mark(1.0, f64::NAN), mark(2.0, 0.0), mark(f64::INFINITY, 1.0)];
+        assert!(Axes::new(Frame { left: 0.0, top: 0.0, width: 9.0, height: 9.0 }, &[]).is_none());
+        let plots = [plot(vec![]), plot(vec![curve(odd)]), plot(vec![curve(vec![mark(1.0, 2.0)])])];
+        assert!(render(&plots).is_ok() && render(&[]).is_ok());
+    }
+}

@@ -1,0 +1,183 @@
+//! A sheet of small pictures side by side: one reconstruction each, as the thesis' figures show them.
+
+use super::canvas::{Anchor, Canvas, Frame, Style};
+use super::chart::label;
+use super::colour::{self, INK, PAPER, QUIET, TRUTH};
+use super::summary::{PictureError, Shown, Summary, bar, scale_end};
+use super::{model, plane};
+use crate::shape::{Geometry, Mesh, Outline};
+use crate::space::Point;
+
+/// One picture of a sheet, all in one frame, SI units.
+#[derive(Clone, Debug)]
+pub struct Panel {
+    /// Above the picture: what was done.
+    pub title: String,
+    /// Below the title: what came of it.
+    pub note: String,
+    /// The true shape.
+    pub truth: Geometry,
+    /// The estimated shape; `None` where the model gave none.
+    pub estimate: Option<Geometry>,
+    /// Standard deviation at each vertex of the estimate, metres; may be empty.
+    pub deviations: Vec<f64>,
+    /// Contact points with unit normals where measured.
+    pub contacts: Vec<(Point, Option<Point>)>,
+}
+
+/// Panels in rows under one headline, with one scale of colours.
+#[derive(Clone, Debug)]
+pub struct Sheet {
+    /// The headline.
+    pub title: String,
+    /// Panels in a row; at least one.
+    pub columns: usize,
+    /// Row by row.
+    pub panels: Vec<Panel>,
+}
+
+/// Width and height of a panel with its texts, and the gap between two, pixels.
+const PANEL: (f32, f32) = (440.0, 370.0);
+const GAP: f32 = 20.0;
+
+/// Above and below the panels, pixels.
+const HEAD: f32 = 96.0;
+const FOOT: f32 = 76.0;
+
+/// Panels on one sheet at most: 10 000 pixels each way.
+const MOST: usize = 400;
+
+/// Draws the sheet and returns it as PNG. Panels beyond 400 are left out.
+///
+/// # Errors
+/// When the picture cannot be made, see [`PictureError`].
+pub fn render(sheet: &Sheet) -> Result<Vec<u8>, PictureError> {
+    let panels = &sheet.panels[..sheet.panels.len().min(MOST)];
+    let columns = sheet.columns.clamp(1, 20);
+    let rows = panels.len().div_ceil(columns);
+    let width = 2.0 * GAP + columns as f32 * (PANEL.0 + GAP);
+    let height = HEAD + rows as f32 * (PANEL.1 + GAP) + FOOT;
+    let mut canvas = Canvas::new(width as u32, height as u32, PAPER)?;
+    let headline = Style::new(26.0, INK).bold();
+    let title = canvas.fitted(headline, &sheet.title, width - 3.0 * GAP);
+    canvas.text([1.5 * GAP, 52.0], headline, &title);
+
+    let known =
+        panels.iter().flat_map(|p| p.deviations.iter().copied()).map(|d| d.min(cap(panels)));
+    let end = scale_end(&known.collect::<Vec<f64>>());
+    for (i, panel) in panels.iter().enumerate() {
+        let frame = Frame {
+            left: 1.5 * GAP + (i % columns) as f32 * (PANEL.0 + GAP),
+            top: HEAD + (i / columns) as f32 * (PANEL.1 + GAP),
+            width: PANEL.0,
+            height: PANEL.1,
+        };
+        draw(&mut canvas, &frame, panel, end)?;
+    }
+    legend(&mut canvas, [1.5 * GAP, height - FOOT + 18.0], end);
+    canvas.encode()
+}
+
+/// What is uncertain by more than a tenth of an object is not known at all: the scale of colours
+/// ends there, metres.
+fn cap(panels: &[Panel]) -> f64 {
+    let size = |p: &Panel| {
+        let (low, high) = p.truth.bounds();
+        (high - low).norm()
+    };
+    0.1 * panels.iter().map(size).fold(0.0, f64::max)
+}
+
+/// Draws one panel; its picture on a canvas of its own, which cuts off what leaves it.
+fn draw(canvas: &mut Canvas, frame: &Frame, panel: &Panel, end: f64) -> Result<(), PictureError> {
+    let (title, note) = (Style::new(17.0, INK).bold(), Style::new(14.0, QUIET));
+    let fitted = canvas.fitted(title, &panel.title, frame.width);
+    canvas.text([frame.left, frame.top + 18.0], title, &fitted);
+    let fitted = canvas.fitted(note, &panel.note, frame.width);
+    canvas.text([frame.left, frame.top + 40.0], note, &fitted);
+    let within = frame.inset(0.0, 52.0, 0.0, 0.0);
+    let mut own = Canvas::new(within.width as u32, within.height as u32, PAPER)?;
+    let picture = Frame { left: 0.0, top: 0.0, ..within };
+    let empty = match panel.truth {
+        Geometry::Outline(_) => Geometry::Outline(Outline { loops: Vec::new() }),
+        Geometry::Mesh(_) => Geometry::Mesh(Mesh::default()),
+    };
+    let scene = Summary {
+        title: String::new(),
+        figures: Vec::new(),
+        truth: Some(panel.truth.clone()),
+        estimate: panel.estimate.clone().unwrap_or(empty),
+        deviations: panel.deviations.clone(),
+        contacts: panel.contacts.iter().map(|(p, n)| (*p, *n, 0)).collect(),
+        pose_errors: None,
+    };
+    let shown = Shown { scale_end: end, ..Shown::new(&scene) };
+    match (&scene.estimate, &panel.truth) {
+        (Geometry::Outline(estimate), Geometry::Outline(truth)) => {
+            plane::draw(&mut own, &picture, &shown, estimate, Some(truth));
+        }
+        (Geometry::Mesh(estimate), Geometry::Mesh(truth)) => {
+            model::draw_small(&mut own, &picture, &shown, estimate, Some(truth));
+        }
+        // A plane and a space have no common picture.
+        _ => {}
+    }
+    if panel.estimate.as_ref().is_none_or(crate::shape::metrics::is_empty) {
+        let at = [picture.left + picture.width / 2.0, picture.top + picture.height / 2.0];
+        own.text(at, Style::new(17.0, QUIET).anchored(Anchor::Middle), "no surface");
+    }
+    canvas.place(within.left.round() as i32, within.top.round() as i32, &own);
+    Ok(())
+}
+
+fn legend(canvas: &mut Canvas, at: [f32; 2], end: f64) {
+    let [left, top] = at;
+    let style = Style::new(14.0, QUIET);
+    canvas.line(&[[left, top + 8.0], [left + 34.0, top + 8.0]], 2.2, TRUTH);
+    canvas.text([left + 46.0, top + 13.0], style, "true shape");
+    let (from, width) = (left + 150.0, 200.0);
+    bar(canvas, Frame { left: from, top, width, height: 14.0 }, colour::uncertainty);
+    let text = format!("standard deviation, 0 to {} mm", label(end * 1e3));
+    canvas.text([from, top + 34.0], style, &text);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shape::mesh::tests::cuboid;
+
+    fn outline(size: f64) -> Geometry {
+        let corners = vec![[-size, -size], [size, -size], [size, size], [-size, size]];
+        Geometry::Outline(Outline { loops: vec![corners] })
+    }
+
+    fn panel(truth: Geometry, estimate: Option<Geometry>) -> Panel {
+        Panel {
+            title: "10 contacts".into(),
+            note: "Hausdorff 3.2 mm".into(),
+            truth,
+            estimate,
+            deviations: vec![1e-3; 4],
+            contacts: vec![(Point::new(0.03, 0.0, 0.0), Some(Point::x()))],
+        }
+    }
+
+    fn size(png: &[u8]) -> (u32, u32) {
+        let at = |i: usize| u32::from_be_bytes([png[i], png[i + 1], png[i + 2], png[i + 3]]);
+        (at(16), at(20))
+    }
+
+    #[test]
+    fn sheets_grow_with_their_panels() {
+        let planar = panel(outline(0.03), Some(outline(0.031)));
+        let solid = Geometry::Mesh(cuboid([0.03, 0.02, 0.01]));
+        let spatial = panel(solid.clone(), Some(solid));
+        let sheet = |panels: Vec<Panel>| Sheet { title: "A figure".into(), columns: 3, panels };
+        let one = size(&render(&sheet(vec![planar.clone()])).unwrap());
+        let four = [planar.clone(), spatial, panel(outline(0.03), None), planar];
+        let two = size(&render(&sheet(four.into())).unwrap());
+        assert_eq!(one.0, two.0);
+        assert_eq!(two.1 - one.1, (PANEL.1 + GAP) as u32);
+        assert!(render(&sheet(Vec::new())).is_ok());
+    }
+}
