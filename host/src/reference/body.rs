@@ -15,6 +15,7 @@ use super::{Contact, Prior};
 use crate::shape::superquadric;
 use crate::space::Point;
 
+mod close;
 mod fit;
 
 /// The quadric (p − c)ᵀ A (p − c) = 1 with A positive semi-definite (thesis 2.19 and 2.20; an

@@ -266,6 +266,13 @@ impl Form {
         form
     }
 
+    /// Its axes, as many as there are dimensions, unit length, in the frame of the contacts.
+    pub fn axes(&self) -> Vec<Point> {
+        let turn = self.pose.rotation.to_rotation_matrix();
+        let count = if self.planar { 2 } else { 3 };
+        turn.matrix().column_iter().take(count).map(|a| a.into_owned()).collect()
+    }
+
     /// First-order distance, metres, and the unit direction in which it grows; at the centre the least half
     /// length and no direction.
     pub fn distance(&self, p: &Point) -> (f64, Point) {

@@ -6,8 +6,8 @@ use nalgebra::{Matrix3x6, Matrix6, Vector6};
 
 use crate::experts;
 use crate::log::GraspLog;
-use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::Contact;
+use crate::reference::gpis::Error as SurfaceError;
 use crate::shape::lattice::LatticeError;
 use crate::shape::{Field, Geometry, contour, surface};
 use crate::slam::choose::{self, Choice, Model, Refusal};

@@ -104,8 +104,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     /// knew is lost, since the covariances are made anew.
     pub(super) fn defer(&mut self, contact: &Contact<S>, spheres: &Spheres) -> Insertion {
         self.open();
-        let followers =
-            if contact.normal.is_some() && spheres.offset.is_some() { 2u8 } else { 0 };
+        let followers = if contact.normal.is_some() && spheres.offset.is_some() { 2u8 } else { 0 };
         let sites = 1 + usize::from(followers) + spheres.points();
         let mut released = 0;
         while !self.fits(sites, sites) {

@@ -76,7 +76,7 @@ impl Body {
     pub fn quadric(dimension: usize, contacts: &[Contact]) -> Option<Body> {
         let problem = Problem::of(dimension, contacts)?;
         let start = problem.start(Round::Quadric);
-        problem.body(&problem.climb(start, STEPS))
+        Some(problem.body(&problem.climb(start, STEPS))?.closed(contacts))
     }
 
     /// The quadric cut by those of the `faces` that pay for their parameters (by the Bayesian
@@ -105,7 +105,8 @@ impl Body {
             return None;
         }
         let measured = problem.measured() as f64;
-        problem.body(&best).filter(|body| measured >= 3.0 * (measured - body.degrees))
+        let decided = |body: &Body| measured >= 3.0 * (measured - body.degrees);
+        problem.body(&best).filter(decided).map(|body| body.closed(contacts))
     }
 
     /// The superquadric that fits best; `None` where [`Superquadric::fit`] finds none.
@@ -118,13 +119,14 @@ impl Body {
             scale,
         };
         let misfit = found.misfit();
-        Some(Body {
+        let body = Body {
             parts: vec![Part::Superquadric(found.form())],
             modes: found.neighbours().into_iter().map(mode).collect(),
             oddity: misfit.oddity,
             chi_squared: misfit.chi_squared,
             degrees: misfit.degrees,
-        })
+        };
+        Some(body.closed(contacts))
     }
 
     /// The polytope of all `faces`, closed or not. `None` without contacts or faces.
@@ -132,7 +134,8 @@ impl Body {
         let problem = Problem::of(dimension, contacts)?;
         let planes = problem.planes(faces, 1);
         let start = problem.start(Round::Nothing);
-        problem.body(&planes.iter().fold(start, |fit, plane| fit.cut(dimension, plane)))
+        let body = problem.body(&planes.iter().fold(start, |fit, plane| fit.cut(dimension, plane)));
+        Some(body?.closed(contacts))
     }
 }
 
