@@ -274,7 +274,7 @@ fn inside_is_inside_where_the_prior_is_wrong() {
     let half = Point::new(0.06, 0.03, 0.03);
     let touch = |i: usize| {
         let share = |step: f64| 2.0 * (i as f64 * step).fract() - 1.0;
-        let (axis, sign) = (i % 3, if i % 2 == 0 { 1.0 } else { -1.0 });
+        let (axis, sign) = (i % 3, if i.is_multiple_of(2) { 1.0 } else { -1.0 });
         let mut at = Point::new(share(0.755), share(0.57), share(0.437));
         at[axis] = sign;
         let mut normal = Point::zeros();
