@@ -167,6 +167,19 @@ impl Superquadric {
         (0..NUMBERS).filter(free).map(neighbours).collect()
     }
 
+    /// Directions along its axes in which contacts hardly say how far it goes: where the deviation of
+    /// the surface is more than a tenth of the greatest half length.
+    pub fn undecided(&self) -> Vec<Point> {
+        let size = self.form.half.iter().fold(0.0, |size: f64, half| size.max(*half));
+        let ends = self.form.axes().into_iter().zip(self.form.half);
+        let ends = ends.flat_map(|(axis, half)| [(axis, half), (-axis, half)]);
+        let open = |(axis, half): &(Point, f64)| {
+            let end = self.form.pose.translation.vector + axis * *half;
+            self.deviation(&end) > 0.1 * size
+        };
+        ends.filter(open).map(|(axis, _)| axis).collect()
+    }
+
     /// Distance to the surface to first order, metres, negative inside. Exact on the surface, along
     /// the axes and for spheres.
     pub fn value(&self, p: &Point) -> f64 {

@@ -10,6 +10,9 @@ use crate::space::Point;
 /// the contacts' centre to the farthest of them beyond the outermost contact.
 const OPEN: f64 = 0.5;
 
+/// The same where contacts do not say how far the body goes.
+const UNDECIDED: f64 = 0.05;
+
 /// Standard deviation of where it ends, in the same distances: a side that nobody touched.
 const DOUBT: f64 = 0.2;
 
@@ -18,18 +21,20 @@ const NUDGE: f64 = 1e-6;
 
 impl Body {
     /// The same body cut by a plane at the outermost contact wherever it is open: along the axes of
-    /// its round part and opposite to its planes. How far out the planes lie is a guess, and a mode.
-    pub(super) fn closed(mut self, contacts: &[Contact]) -> Body {
+    /// its round part and opposite to its planes, and along `undecided` directions if it goes on
+    /// there at all. How far out the planes lie is a guess, and a mode.
+    pub(super) fn closed(mut self, contacts: &[Contact], undecided: &[Point]) -> Body {
         let centre = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len().max(1) as f64;
         let reach = contacts.iter().map(|c| (c.point - centre).norm()).fold(0.0, f64::max);
         if !(reach > 0.0 && reach.is_finite()) {
             return self;
         }
-        let directions: Vec<Point> = self.parts.iter().flat_map(directions).collect();
-        for normal in directions {
+        let open: Vec<Point> = self.parts.iter().flat_map(directions).collect();
+        let open = open.into_iter().map(|normal| (normal, OPEN));
+        for (normal, share) in undecided.iter().map(|normal| (*normal, UNDECIDED)).chain(open) {
             let outermost = contacts.iter().map(|c| normal.dot(&c.point));
             let offset = outermost.fold(f64::NEG_INFINITY, f64::max);
-            let beyond = centre + normal * (offset - normal.dot(&centre) + OPEN * reach);
+            let beyond = centre + normal * (offset - normal.dot(&centre) + share * reach);
             if self.active(&beyond).1.0 > 0.0 {
                 continue;
             }

@@ -76,7 +76,7 @@ impl Body {
     pub fn quadric(dimension: usize, contacts: &[Contact]) -> Option<Body> {
         let problem = Problem::of(dimension, contacts)?;
         let start = problem.start(Round::Quadric);
-        Some(problem.body(&problem.climb(start, STEPS))?.closed(contacts))
+        Some(problem.body(&problem.climb(start, STEPS))?.closed(contacts, &[]))
     }
 
     /// The quadric cut by those of the `faces` that pay for their parameters (by the Bayesian
@@ -106,7 +106,7 @@ impl Body {
         }
         let measured = problem.measured() as f64;
         let decided = |body: &Body| measured >= 3.0 * (measured - body.degrees);
-        problem.body(&best).filter(decided).map(|body| body.closed(contacts))
+        problem.body(&best).filter(decided).map(|body| body.closed(contacts, &[]))
     }
 
     /// The superquadric that fits best; `None` where [`Superquadric::fit`] finds none.
@@ -126,7 +126,7 @@ impl Body {
             chi_squared: misfit.chi_squared,
             degrees: misfit.degrees,
         };
-        Some(body.closed(contacts))
+        Some(body.closed(contacts, &found.undecided()))
     }
 
     /// The polytope of all `faces`, closed or not. `None` without contacts or faces.
@@ -135,7 +135,7 @@ impl Body {
         let planes = problem.planes(faces, 1);
         let start = problem.start(Round::Nothing);
         let body = problem.body(&planes.iter().fold(start, |fit, plane| fit.cut(dimension, plane)));
-        Some(body?.closed(contacts))
+        Some(body?.closed(contacts, &[]))
     }
 }
 
