@@ -109,9 +109,14 @@ impl Body {
         problem.body(&best).filter(decided).map(|body| body.closed(contacts, &[]))
     }
 
-    /// The superquadric that fits best; `None` where [`Superquadric::fit`] finds none.
+    /// The superquadric that fits best. `None` where [`Superquadric::fit`] finds none, or when fewer
+    /// than two and a half numbers were measured per parameter: few contacts fit any.
     pub fn superquadric(dimension: usize, contacts: &[Contact]) -> Option<Body> {
         let found = Superquadric::fit(dimension, contacts).ok()?;
+        let parameters = found.neighbours().len() as f64;
+        if found.misfit().degrees < 1.5 * parameters {
+            return None;
+        }
         let mode = |(more, less, scale): (Form, Form, f64)| Mode {
             part: 0,
             more: Part::Superquadric(more),
