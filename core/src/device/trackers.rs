@@ -17,13 +17,13 @@ const LENGTHSCALE: f32 = 0.1;
 pub const CONTACTS: usize = 16;
 const PLANAR_MAP: usize = 40;
 const PLANAR_ROWS: usize = 3 * PLANAR_MAP;
-const SPATIAL_MAP: usize = 36;
+const SPATIAL_MAP: usize = 33;
 const SPATIAL_ROWS: usize = 4 * SPATIAL_MAP;
 
 /// The surface a planar board holds: 40 contacts with normals.
 pub type PlanarMap =
     Gpis<Planar, Matern32, Ball<Planar>, PLANAR_MAP, PLANAR_ROWS, { packed(PLANAR_ROWS) }>;
-/// The surface a spatial board holds: 36 contacts with normals.
+/// The surface a spatial board holds: 33 contacts with normals.
 pub type SpatialMap =
     Gpis<Spatial, Matern32, Ball<Spatial>, SPATIAL_MAP, SPATIAL_ROWS, { packed(SPATIAL_ROWS) }>;
 /// The tracker of a planar board.

@@ -211,11 +211,12 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         for site in self.sites() {
             for l in 0..L {
                 let d = points[l] - site.point;
-                let Radial { k, a, .. } = self.kernel.radial(d.norm_squared());
+                let d2 = d.norm_squared();
                 if site.slope {
+                    let Radial { k, a, .. } = self.kernel.radial(d2);
                     f[l] += site.value_weight * k - a * site.slope_weight.dot(d);
                 } else {
-                    f[l] += site.value_weight * k;
+                    f[l] += site.value_weight * self.kernel.value(d2);
                 }
             }
         }
@@ -283,7 +284,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     /// after the last refit: see [`Kernel::interpolation`]. The corners, weighed by the interpolation,
     /// have their mean at the point and a mean square distance of at most D·spacing²/4 from it. The
     /// norm of the mean without its prior is wᵀKw for the weights w = (K + Σ)⁻¹(y − m): what
-    /// (y − m)ᵀw leaves beside wᵀΣw. The prior's part follows from its curvature. In exact arithmetic;
+    /// (y − m)ᵀw leaves beside wᵀΣw. The prior adds its own. In exact arithmetic;
     /// rounding adds some 10⁻⁶ of the values.
     pub fn interpolation_bound(&self, spacing: f32) -> (f32, f32) {
         let rows = self.factor.rows();
@@ -297,8 +298,9 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         let square = math::max(self.misfit - noise, 0.0) + 1e-4 * self.misfit;
         let spread = 0.5 * math::sqrt(S::DIMENSION as f32) * spacing;
         let (value, gradient) = self.kernel.interpolation(spread);
-        let (norm, bend) = (math::sqrt(square), self.prior.bend());
-        (value * norm + 0.5 * bend * spread * spread, gradient * norm + bend * spread)
+        let (prior_value, prior_gradient) = self.prior.interpolation(spread);
+        let norm = math::sqrt(square);
+        (value * norm + prior_value, gradient * norm + prior_gradient)
     }
 
     /// Sites of contacts and sphere points.
@@ -372,10 +374,10 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         let row = self.factor.stage(0);
         for other in &self.sites[..self.count] {
             let d = site.point - other.point;
-            let Radial { k, a, .. } = self.kernel.radial(d.norm_squared());
             let at = usize::from(other.row);
-            row[at] = k;
+            row[at] = self.kernel.value(d.norm_squared());
             if other.slope {
+                let a = self.kernel.radial(d.norm_squared()).a;
                 for j in 0..S::DIMENSION {
                     row[at + 1 + j] = -a * d[j];
                 }

@@ -19,7 +19,7 @@ pub trait Kernel: Copy + Send + Sync + 'static {
     /// k, a and b at the squared distance `r2` (square metres).
     fn radial(&self, r2: f32) -> Radial;
 
-    /// k alone.
+    /// k alone, the same bits.
     fn value(&self, r2: f32) -> f32;
 
     /// Variance of f: k(0), square metres.
@@ -134,8 +134,7 @@ impl Kernel for Matern32 {
 
     #[inline(always)]
     fn value(&self, r2: f32) -> f32 {
-        let u = SQRT_3 / self.lengthscale * math::sqrt(r2);
-        self.amplitude * self.amplitude * (1.0 + u) * math::exp(-u)
+        self.radial(r2).k
     }
 
     fn scaled(&self, unit: f32) -> Self {
@@ -189,7 +188,10 @@ impl Kernel for ThinPlate {
 
     #[inline(always)]
     fn value(&self, r2: f32) -> f32 {
-        self.radial(r2).k
+        // The bits of `radial`: what it adds to r nearest to zero is lost in k.
+        let r = math::sqrt(r2);
+        let scale = self.amplitude * self.amplitude / (self.range * self.range * self.range);
+        self.amplitude * self.amplitude + scale * (r2 * (2.0 * r - 3.0 * self.range))
     }
 
     fn scaled(&self, unit: f32) -> Self {

@@ -17,10 +17,10 @@ pub trait Prior<S: Space>: Copy + Send + Sync + 'static {
     /// Mean of f (metres) and of ∇f at `point` (object frame, metres).
     fn mean(&self, point: S::Vector) -> (f32, S::Vector);
 
-    /// A Lipschitz constant of the mean's gradient (the largest curvature), per metre; infinite where
-    /// none is known.
-    fn bend(&self) -> f32 {
-        f32::INFINITY
+    /// How badly the mean interpolates: as [`Kernel::interpolation`](super::Kernel::interpolation),
+    /// the largest errors themselves. Infinite where nothing is known.
+    fn interpolation(&self, _spread: f32) -> (f32, f32) {
+        (f32::INFINITY, f32::INFINITY)
     }
 
     /// The prior that fits contacts best, given as points (metres) with their unit normals where
@@ -46,8 +46,8 @@ impl<S: Space> Prior<S> for Constant {
         (self.0, S::Vector::ZERO)
     }
 
-    fn bend(&self) -> f32 {
-        0.0
+    fn interpolation(&self, _spread: f32) -> (f32, f32) {
+        (0.0, 0.0)
     }
 
     fn fitted(
@@ -131,8 +131,9 @@ impl<S: Space> Prior<S> for Ball<S> {
         (0.5 * (d.norm_squared() * curvature - self.radius), d * curvature)
     }
 
-    fn bend(&self) -> f32 {
-        1.0 / self.radius
+    /// Of a square; its gradient is linear.
+    fn interpolation(&self, spread: f32) -> (f32, f32) {
+        (0.5 * spread * spread / self.radius, 0.0)
     }
 
     /// The least-squares ball through points and normals; where the normals do not decide it (a

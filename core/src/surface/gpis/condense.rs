@@ -18,7 +18,10 @@
 //! forty; averaging contacts into point and normal of the nearest site does not help enough,
 //! because the mean slope of a stretch says more about the field than the slope at one point.
 //!
-//! Per contact of r rows into n: 2·r·n²/2 multiplications for Σ, about r·2n² for the factor.
+//! It makes the map a little too sure of itself: what the sites interpolate is taken for the truth.
+//!
+//! Per contact of r rows into n: r·n²/2 multiplications for Σ and 2·r·n² for the factor.
+//! Σ takes as much memory as the factor.
 
 use super::{Gpis, Site};
 use crate::contact::Contact;

@@ -224,15 +224,15 @@ impl Triangle {
 impl<S: Space> Prior<S> for Ellipsoid<S> {
     const UNSET: Self = Ellipsoid { centre: S::Vector::ZERO, curvature: Matrix::ZERO, height: 0.0 };
 
-    /// At most the Frobenius norm of B.
-    fn bend(&self) -> f32 {
+    /// Of a quadratic whose curvature is at most the Frobenius norm of B; its gradient is linear.
+    fn interpolation(&self, spread: f32) -> (f32, f32) {
         let mut squares = 0.0;
         for i in 0..S::DIMENSION {
             for j in 0..S::DIMENSION {
                 squares += self.curvature.at(i, j) * self.curvature.at(i, j);
             }
         }
-        math::sqrt(squares)
+        (0.5 * math::sqrt(squares) * spread * spread, 0.0)
     }
 
     #[inline(always)]
