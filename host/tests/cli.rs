@@ -200,21 +200,6 @@ fn bad_logs_are_refused_with_file_line_and_field() {
 }
 
 #[test]
-fn more_contacts_than_fit_are_refused_before_the_work() {
-    let contacts: Vec<String> = (0..1000)
-        .map(|i| {
-            let (sin, cos) = f64::from(i).sin_cos();
-            format!(r#"{{"point":[{cos},{sin}],"normal":[{cos},{sin}]}}"#)
-        })
-        .collect();
-    let grasps: Vec<String> =
-        (0..3).map(|g| format!(r#"{{"grasp":{g},"contacts":[{}]}}"#, contacts.join(","))).collect();
-    let bench = Bench::new();
-    bench.write("big.jsonl", log(&grasps.join("\n")));
-    bench.refuses("slam big.jsonl --out results", &["big.jsonl", "contacts", "2000", "9000"]);
-}
-
-#[test]
 fn few_contacts_still_give_something() {
     let bench = Bench::new();
     for grasp in [

@@ -1,14 +1,15 @@
-//! Ends for a body that contacts leave open: a can whose bottom nobody touched goes on for ever.
+//! Ends for a body that contacts leave open: a can whose bottom nobody touched goes on for ever, and
+//! two sides that are nearly parallel meet far away.
 
-use nalgebra::SymmetricEigen;
+use std::f64::consts::TAU;
 
 use super::{Body, Mode, Part, Plane};
 use crate::reference::Contact;
 use crate::space::Point;
 
-/// A body is open along a direction when it still holds the point this many times the distance from
-/// the contacts' centre to the farthest of them beyond the outermost contact.
-const OPEN: f64 = 0.5;
+/// A body is open in a direction when it still holds the point this many times the distance from the
+/// contacts' centre to the farthest of them beyond the outermost contact.
+const OPEN: f64 = 1.0;
 
 /// The same where contacts do not say how far the body goes.
 const UNDECIDED: f64 = 0.05;
@@ -16,54 +17,78 @@ const UNDECIDED: f64 = 0.05;
 /// Standard deviation of where it ends, in the same distances: a side that nobody touched.
 const DOUBT: f64 = 0.2;
 
+/// Directions that are looked at in the plane and in space, and planes that are added at most.
+const DIRECTIONS: [usize; 2] = [96, 400];
+const MOST: usize = 8;
+
 /// Difference of an offset for its slope, metres.
 const NUDGE: f64 = 1e-6;
 
 impl Body {
-    /// The same body cut by a plane at the outermost contact wherever it is open: along the axes of
-    /// its round part and opposite to its planes, and along `undecided` directions if it goes on
-    /// there at all. How far out the planes lie is a guess, and a mode.
-    pub(super) fn closed(mut self, contacts: &[Contact], undecided: &[Point]) -> Body {
+    /// The same body cut by planes at the outermost contacts until it is closed: first along the
+    /// `undecided` directions, then always where it reaches furthest. How far out the planes lie is
+    /// a guess, and a mode.
+    pub(super) fn closed(
+        mut self,
+        dimension: usize,
+        contacts: &[Contact],
+        undecided: &[Point],
+    ) -> Body {
         let centre = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len().max(1) as f64;
         let reach = contacts.iter().map(|c| (c.point - centre).norm()).fold(0.0, f64::max);
         if !(reach > 0.0 && reach.is_finite()) {
             return self;
         }
-        let open: Vec<Point> = self.parts.iter().flat_map(directions).collect();
-        let open = open.into_iter().map(|normal| (normal, OPEN));
-        for (normal, share) in undecided.iter().map(|normal| (*normal, UNDECIDED)).chain(open) {
-            let outermost = contacts.iter().map(|c| normal.dot(&c.point));
-            let offset = outermost.fold(f64::NEG_INFINITY, f64::max);
-            let beyond = centre + normal * (offset - normal.dot(&centre) + share * reach);
-            if self.active(&beyond).1.0 > 0.0 {
-                continue;
-            }
-            let end = |by: f64| Part::Plane(Plane { normal, offset: offset + by });
-            self.modes.push(Mode {
-                part: self.parts.len(),
-                more: end(NUDGE),
-                less: end(-NUDGE),
+        // The outermost contact in a direction.
+        let offset = |normal: &Point| {
+            contacts.iter().map(|c| normal.dot(&c.point)).fold(f64::NEG_INFINITY, f64::max)
+        };
+        // How deep inside the body a point beyond the contacts is.
+        let depth = |body: &Body, normal: &Point, share: f64| {
+            let beyond = offset(normal) - normal.dot(&centre) + share * reach;
+            -body.active(&(centre + normal * beyond)).1.0
+        };
+        let end = |body: &mut Body, normal: Point| {
+            let at = |by: f64| Part::Plane(Plane { normal, offset: offset(&normal) + by });
+            body.modes.push(Mode {
+                part: body.parts.len(),
+                more: at(NUDGE),
+                less: at(-NUDGE),
                 scale: DOUBT * reach / (2.0 * NUDGE),
             });
-            self.parts.push(end(0.0));
+            body.parts.push(at(0.0));
+        };
+        for normal in undecided {
+            if depth(&self, normal, UNDECIDED) > 0.0 {
+                end(&mut self, *normal);
+            }
+        }
+        let directions = directions(dimension);
+        for _ in 0..MOST {
+            let depths = directions.iter().map(|normal| (depth(&self, normal, OPEN), normal));
+            let Some((depth, normal)) = depths.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
+            if !(depth > 0.0) {
+                break;
+            }
+            end(&mut self, *normal);
         }
         self
     }
 }
 
-/// Where a part may be open.
-fn directions(part: &Part) -> Vec<Point> {
-    let both = |axis: Point| [axis, -axis];
-    match part {
-        Part::Prior(_) => vec![],
-        Part::Quadric(quadric) => {
-            let axes = SymmetricEigen::new(quadric.form()).eigenvectors;
-            // In the plane z is no direction.
-            let planar = quadric.form().column(2).norm() == 0.0;
-            let axes = axes.column_iter().map(|a| a.into_owned());
-            axes.filter(|a| !(planar && a.z.abs() > 0.5)).flat_map(both).collect()
+/// Evenly spread: equal angles, or a golden spiral from pole to pole.
+fn directions(dimension: usize) -> Vec<Point> {
+    let golden = 0.5 * (5f64.sqrt() - 1.0);
+    let count = DIRECTIONS[usize::from(dimension == 3)];
+    let direction = |i: usize| {
+        if dimension == 2 {
+            let (sin, cos) = (TAU * i as f64 / count as f64).sin_cos();
+            return Point::new(cos, sin, 0.0);
         }
-        Part::Superquadric(form) => form.axes().into_iter().flat_map(both).collect(),
-        Part::Plane(plane) => vec![-plane.normal],
-    }
+        let z = 1.0 - (2 * i + 1) as f64 / count as f64;
+        let (sin, cos) = (TAU * golden * i as f64).sin_cos();
+        let ring = (1.0 - z * z).sqrt();
+        Point::new(ring * cos, ring * sin, z)
+    };
+    (0..count).map(direction).collect()
 }

@@ -23,6 +23,9 @@ const TRIAL: usize = 6;
 /// Most planes that cut a quadric.
 const CUTS: usize = 6;
 
+/// Numbers measured per parameter from which a body is more than a guess.
+const DECIDED: f64 = 3.0;
+
 /// Difference of a parameter for its slope.
 const NUDGE: f64 = 1e-5;
 
@@ -72,11 +75,16 @@ impl Body {
     }
 
     /// The quadric that fits best: least squares of distances and normals, with a weak pull to the
-    /// ball. `None` without contacts.
+    /// ball. `None` without contacts, or when fewer than three numbers were measured per parameter:
+    /// few contacts fit any.
     pub fn quadric(dimension: usize, contacts: &[Contact]) -> Option<Body> {
         let problem = Problem::of(dimension, contacts)?;
-        let start = problem.start(Round::Quadric);
-        Some(problem.body(&problem.climb(start, STEPS))?.closed(contacts, &[]))
+        let fit = problem.climb(problem.start(Round::Quadric), STEPS);
+        let parameters = fit.parameters.len() as f64;
+        if (problem.measured() as f64) < DECIDED * parameters {
+            return None;
+        }
+        Some(problem.body(&fit)?.closed(dimension, contacts, &[]))
     }
 
     /// The quadric cut by those of the `faces` that pay for their parameters (by the Bayesian
@@ -105,16 +113,16 @@ impl Body {
             return None;
         }
         let measured = problem.measured() as f64;
-        let decided = |body: &Body| measured >= 3.0 * (measured - body.degrees);
-        problem.body(&best).filter(decided).map(|body| body.closed(contacts, &[]))
+        let decided = |body: &Body| measured >= DECIDED * (measured - body.degrees);
+        problem.body(&best).filter(decided).map(|body| body.closed(dimension, contacts, &[]))
     }
 
     /// The superquadric that fits best. `None` where [`Superquadric::fit`] finds none, or when fewer
-    /// than two and a half numbers were measured per parameter: few contacts fit any.
+    /// than three numbers were measured per parameter.
     pub fn superquadric(dimension: usize, contacts: &[Contact]) -> Option<Body> {
         let found = Superquadric::fit(dimension, contacts).ok()?;
         let parameters = found.neighbours().len() as f64;
-        if found.misfit().degrees < 1.5 * parameters {
+        if found.misfit().degrees < (DECIDED - 1.0) * parameters {
             return None;
         }
         let mode = |(more, less, scale): (Form, Form, f64)| Mode {
@@ -131,7 +139,7 @@ impl Body {
             chi_squared: misfit.chi_squared,
             degrees: misfit.degrees,
         };
-        Some(body.closed(contacts, &found.undecided()))
+        Some(body.closed(dimension, contacts, &found.undecided()))
     }
 
     /// The polytope of all `faces`, closed or not. `None` without contacts or faces.
@@ -140,7 +148,7 @@ impl Body {
         let planes = problem.planes(faces, 1);
         let start = problem.start(Round::Nothing);
         let body = problem.body(&planes.iter().fold(start, |fit, plane| fit.cut(dimension, plane)));
-        Some(body?.closed(contacts, &[]))
+        Some(body?.closed(dimension, contacts, &[]))
     }
 }
 
