@@ -30,8 +30,10 @@ mod condense;
 /// Sites of one contact, at most.
 const MOST_SITES: usize = 3;
 
-/// How a contact becomes rows of the covariance matrix.
+/// How a contact becomes rows of the covariance matrix. Its tag is a byte of its own, so that an
+/// empty surface is all zero bits.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(u8)]
 pub enum Training {
     /// Value and gradient (Solak et al. 2003): 1 + dimension rows per contact.
     Normals,

@@ -144,7 +144,7 @@ const FAR: f64 = 4.0;
 
 /// Normals less certain than this (radians, median) fit any polytope: where the poses are in doubt,
 /// χ² has nothing to say.
-const DOUBT: f64 = 0.2;
+pub(super) const DOUBT: f64 = 0.2;
 
 /// Faces that the contacts show, and the shape they make, whatever it fits like. Sides that nobody
 /// touched are closed at the outermost contacts where the faces leave them open or meet far away.
@@ -273,7 +273,7 @@ const SLACK: f64 = 3.0;
 const USUAL_DOUBT: f64 = 0.0873;
 
 /// Median standard deviation of the contacts' normals, radians; infinite without any.
-fn doubt(contacts: &[Contact]) -> f64 {
+pub(super) fn doubt(contacts: &[Contact]) -> f64 {
     let felt = contacts.iter().filter(|c| c.normal.is_some());
     let mut deviations: Vec<f64> = felt.map(|c| c.normal_deviation).collect();
     deviations.sort_by(f64::total_cmp);

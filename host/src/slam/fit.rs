@@ -8,6 +8,7 @@ use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::hyper::{Belief, Found, Search};
 use crate::reference::{Contact, Faces, Gpis, Kernel, Prior, Training};
 use crate::shape::polytope::assemble;
+use crate::slam::choose::{DOUBT, doubt};
 use crate::slam::free::{Free, open};
 use crate::slam::reconstruct::Error;
 
@@ -115,11 +116,18 @@ fn exactness(dimension: usize, contacts: &[Contact]) -> f64 {
 }
 
 /// What the process may be about, the ball first, with what is believed of the rest.
+///
+/// Where poses leave the normals in doubt, contacts fit any body: then there is the ball alone.
 fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
     let usual = Search::default();
     let honest = 1.0 / exactness(dimension, contacts);
     let noise = usual.noise.map(|belief| Belief { mode: belief.mode * honest, ..belief });
     let usual = Search { noise, ..usual };
+    let ball = Body::ball(dimension, contacts).map(|body| (body, usual));
+    let doubt = doubt(contacts);
+    if doubt.is_finite() && doubt > DOUBT {
+        return ball.into_iter().collect();
+    }
     let residual = Search { amplitude: RESIDUAL, ..usual };
     let faces = Faces::fit(dimension, contacts);
     let closed = faces
@@ -131,7 +139,6 @@ fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
         faces.as_ref().and_then(|faces| Body::cut(dimension, contacts, faces)),
         closed.and_then(|faces| Body::polytope(dimension, contacts, faces)),
     ];
-    let ball = Body::ball(dimension, contacts).map(|body| (body, usual));
     let others = others.into_iter().flatten().map(|body| (body, residual));
     ball.into_iter().chain(others).collect()
 }

@@ -96,16 +96,49 @@ fn at_a_crease_the_normal_says_which_side_was_felt() {
 fn few_contacts_and_bad_ones_have_a_finite_answer() {
     let one = &ellipse(12)[..1];
     for contacts in [one.to_vec(), vec![one[0]; 4], ellipse(2)] {
-        for body in [Body::ball(2, &contacts), Body::quadric(2, &contacts)] {
-            let body = body.unwrap();
-            assert!(body.value(&Point::new(0.2, 0.1, 0.0)).is_finite());
-            assert!(body.modes(&Point::zeros()).iter().all(|m| m.0.is_finite()));
-            assert!(body.misfit().is_finite());
-        }
+        let ball = Body::ball(2, &contacts).unwrap();
+        assert!(ball.value(&Point::new(0.2, 0.1, 0.0)).is_finite() && ball.misfit().is_finite());
+        // Too few to say more.
+        assert_eq!(Body::quadric(2, &contacts), None);
+        assert_eq!(Body::superquadric(2, &contacts), None);
     }
-    let flat: Vec<Contact> = can(0.0).into_iter().filter(|c| c.point.z > 0.049).collect();
+    let flat = can(0.0).into_iter().filter(|c| c.point.z > 0.049);
+    let flat: Vec<Contact> = flat.flat_map(|c| [c; 4]).collect();
     let body = Body::quadric(3, &flat).unwrap();
     assert!(body.value(&Point::new(0.0, 0.0, 0.3)).is_finite());
+}
+
+/// A can whose bottom nobody touched, and two sides that meet far away.
+#[test]
+fn what_contacts_leave_open_is_closed_beyond_them() {
+    let open: Vec<Contact> = can(0.0).into_iter().filter(|c| c.point.z > -0.03).collect();
+    let faces = Faces::fit(3, &open).unwrap();
+    let side = |angle: f64, x: f64| {
+        let normal = Point::new(angle.sin(), angle.cos(), 0.0);
+        let point = normal * 0.03 + Point::new(x * angle.cos(), -x * angle.sin(), 0.0);
+        Contact { point, normal: Some(normal), point_deviation: 1e-3, normal_deviation: 0.05 }
+    };
+    let wedge: Vec<Contact> = (-3..4)
+        .flat_map(|i| [side(0.1, 0.01 * f64::from(i)), side(3.0, 0.01 * f64::from(i))])
+        .collect();
+    let sides = Faces::fit(2, &wedge).unwrap();
+    for (dimension, contacts, body) in [
+        (3, &open, Body::cut(3, &open, &faces).unwrap()),
+        (2, &wedge, Body::polytope(2, &wedge, &sides).unwrap()),
+    ] {
+        for c in contacts {
+            assert!(body.value(&c.point).abs() < 5e-3);
+        }
+        let far = |i: usize| {
+            let turn = 0.1 * i as f64;
+            let out = Point::new(turn.cos(), turn.sin(), 0.0);
+            if dimension == 2 { out } else { Point::new(out.x, 0.0, out.y) }
+        };
+        assert!((0..63).all(|i| body.value(&(far(i) * 0.25)) > 0.0));
+        // Where it ends is a guess.
+        let end = body.modes(&(if dimension == 2 { -Point::x() } else { -Point::z() } * 0.05));
+        assert!(end.iter().map(|m| m.0 * m.0).sum::<f64>().sqrt() > 5e-3);
+    }
 }
 
 proptest! {
@@ -139,7 +172,7 @@ proptest! {
 
 #[test]
 fn doubt_about_the_body_widens_the_band_away_from_contacts() {
-    let contacts: Vec<Contact> = ellipse(12).into_iter().filter(|c| c.point.x > 0.0).collect();
+    let contacts: Vec<Contact> = ellipse(24).into_iter().filter(|c| c.point.x > 0.0).collect();
     let body = Body::quadric(2, &contacts).unwrap();
     let kernel = Kernel::Matern32 { amplitude: 1e-3, lengthscale: 0.08 };
     let fit = Gpis::fit(2, kernel, body, Training::Derivative, &contacts).unwrap();
