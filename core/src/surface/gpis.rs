@@ -101,7 +101,7 @@ impl<S: Space> Site<S> {
 
 /// A GPIS of at most `SITES` sites (contacts, or three times as many with
 /// [`Training::OffSurface`]) and `ROWS` rows; `PACKED` is
-/// [`packed`](crate::surface::cholesky::packed)`(ROWS)`.
+/// [`packed`]`(ROWS)`.
 ///
 /// ```
 /// use tactile_core::contact::Contact;

@@ -84,7 +84,7 @@ pub const FIGURES: &[Figure] = &[
         name: "figure-2.9",
         title: "Figure 2.9: a corner from three contacts",
         subjects: &[(Source::Corner, &[3])],
-        models: &[Model::SquaredExponential, Model::Gp],
+        models: &[Model::SquaredExponential, Model::Gp, Model::Local],
         view: View::Sheet,
         thesis: "local features keep the corner",
     },

@@ -3,7 +3,6 @@
 
 pub mod calibration;
 pub mod chapter2;
-pub mod known_pose;
 pub mod memory;
 pub mod model;
 pub mod push;

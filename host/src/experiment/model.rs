@@ -1,7 +1,7 @@
 //! The models that experiments compare, each from contacts to a shape.
 
 use crate::reference::hyper::{Belief, Search};
-use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
+use crate::reference::{Contact, Gpis, Kernel, Local, Prior, Spheres, Training};
 use crate::shape::occupancy::{Layout, Occupancy};
 use crate::shape::superquadric::Superquadric;
 use crate::shape::{Field, Geometry, contour, nagata, surface};
@@ -18,8 +18,8 @@ pub enum Model {
     Faces,
     /// The Gaussian process alone.
     Gp,
-    /// The thesis' squared exponential: values ±1 beside every contact (2.2.2) and the parameters
-    /// of greatest likelihood.
+    /// The thesis' squared exponential with the parameters of greatest likelihood: values ±1 beside
+    /// every contact (2.2.2), and in space between two spheres (2.2.4).
     SquaredExponential,
     /// The thesis' thin plate with the same training.
     ThinPlate,
@@ -27,6 +27,8 @@ pub enum Model {
     Outside,
     /// The Gaussian process about zero: on the surface unless told otherwise.
     Undecided,
+    /// Thesis 2.21 to 2.23: contacts as planes that meet in corners.
+    Local,
     /// Thesis 2.1, fitted to points and normals.
     Superquadric,
     /// Thesis 2.2, through the contacts.
@@ -70,6 +72,7 @@ impl Model {
             Model::ThinPlate => "thesis TP",
             Model::Outside => "prior outside",
             Model::Undecided => "prior zero",
+            Model::Local => "local",
             Model::Superquadric => "superquadric",
             Model::Nagata => "Nagata",
             Model::Occupancy => "occupancy",
@@ -97,6 +100,10 @@ impl Model {
             }),
             Model::Outside => about(dimension, contacts, 0.5),
             Model::Undecided => about(dimension, contacts, 0.0),
+            Model::Local => {
+                let local = Local::fit(dimension, None, contacts).ok()?;
+                bounded(dimension, &local, contacts)
+            }
             Model::Superquadric => {
                 let fitted = Superquadric::fit(dimension, contacts).ok()?;
                 let geometry = fitted.geometry();
@@ -131,7 +138,8 @@ fn about(dimension: usize, contacts: &[Contact], radii: f64) -> Option<Shape> {
     let radius = radius(contacts)?;
     let (prior, training) = (Prior::Constant(radii * radius), Training::Derivative);
     let family = Kernel::Matern32 { amplitude: radius, lengthscale: radius };
-    let gpis = seek(dimension, contacts, family, prior, training, Search::default())?;
+    let search = (Search::default(), radius);
+    let gpis = seek(dimension, contacts, family, prior, training, search)?;
     let (geometry, deviations) = reconstruct::extract(dimension, &gpis, contacts).ok()?;
     Some(Shape { geometry, deviations })
 }
@@ -144,18 +152,22 @@ fn radius(contacts: &[Contact]) -> Option<f64> {
     }
 }
 
+/// In space lengths are multiples of the contacts' extent.
 fn thesis(dimension: usize, contacts: &[Contact], kernel: impl Fn(f64) -> Kernel) -> Option<Shape> {
-    let radius = radius(contacts)?;
     let search = Search { amplitude: INDIFFERENT, lengthscale: INDIFFERENT, noise: None };
-    let (prior, training) = (Prior::Constant(0.0), Training::OffSurface { distance: BESIDE });
-    let gpis = seek(dimension, contacts, kernel(radius), prior, training, search)?;
-    bounded(&gpis, contacts)
+    let (training, radius) = match dimension {
+        2 => (Training::OffSurface { distance: BESIDE }, radius(contacts)?),
+        _ => (Training::Spheres(Spheres::FEW), 1.0),
+    };
+    let prior = Prior::Constant(0.0);
+    let gpis = seek(dimension, contacts, kernel(radius), prior, training, (search, radius))?;
+    bounded(dimension, &gpis, contacts)
 }
 
 /// The touched part of the zero set where the thesis looks for it: on a grid that the contact data
 /// delimit (2.2.2), here out to the farthest training points. Beyond them a field about zero crosses
 /// zero anywhere.
-fn bounded(gpis: &Gpis, contacts: &[Contact]) -> Option<Shape> {
+fn bounded(dimension: usize, field: &dyn Field, contacts: &[Contact]) -> Option<Shape> {
     let points: Vec<Point> = contacts.iter().map(|c| c.point).collect();
     let first = points.first()?;
     let low = points.iter().fold(*first, |low, p| low.inf(p));
@@ -163,26 +175,26 @@ fn bounded(gpis: &Gpis, contacts: &[Contact]) -> Option<Shape> {
     let margin = Point::repeat(BESIDE);
     let bounds = (low - margin, high + margin);
     let size = (high - low).amax().max(BESIDE);
-    if gpis.dimension() == 2 {
-        let contour = contour::extract(gpis, bounds, size / PLANAR_CELLS).ok()?.touched(&points);
+    if dimension == 2 {
+        let contour = contour::extract(field, bounds, size / PLANAR_CELLS).ok()?.touched(&points);
         let geometry = Geometry::Outline(contour.outline);
         Some(Shape { geometry, deviations: contour.deviations })
     } else {
-        let surface = surface::extract(gpis, bounds, size / SPATIAL_CELLS).ok()?.touched(&points);
+        let surface = surface::extract(field, bounds, size / SPATIAL_CELLS).ok()?.touched(&points);
         Some(Shape { geometry: Geometry::Mesh(surface.mesh), deviations: surface.deviations })
     }
 }
 
-/// The surface with the kernel's most plausible parameters.
+/// The surface with the kernel's most plausible parameters; `search` comes with the radius that
+/// they are multiples of.
 fn seek(
     dimension: usize,
     contacts: &[Contact],
     family: Kernel,
     prior: Prior,
     training: Training,
-    search: Search,
+    (search, radius): (Search, f64),
 ) -> Option<Gpis> {
-    let radius = radius(contacts)?;
     let stride = contacts.len().div_ceil(DECIDING);
     let deciding: Vec<Contact> = contacts.iter().step_by(stride).copied().collect();
     let found = search.run(dimension, family, prior, training, &deciding, radius).ok()?;
