@@ -109,7 +109,7 @@ impl Lattice {
         (0..self.axes).any(|a| node[a] < layers || node[a] + layers >= self.counts[a])
     }
 
-    /// The field's sign at every node, and its value around the zero set: see [`near`](super::near)
+    /// The field's sign at every node, and its value around the zero set: see `near`
     /// for where the field is asked.
     pub fn sample(&self, field: &dyn Field) -> Samples {
         near::sample(self, field)

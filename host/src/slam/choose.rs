@@ -190,7 +190,7 @@ fn close(faces: &Faces, contacts: &[Contact], free: &[Point]) -> Result<Polytope
 }
 
 /// The polytope, if it is to be trusted. Contacts that are said to be very exact, and are not quite
-/// where faces and sharp edges would have them, get a second chance with [`SLACK`].
+/// where faces and sharp edges would have them, get a second chance with three times the deviations.
 ///
 /// # Errors
 /// Says which sign speaks against it.
