@@ -24,7 +24,7 @@ const TRIAL: usize = 6;
 const CUTS: usize = 6;
 
 /// Numbers measured per parameter from which a body is more than a guess.
-const DECIDED: f64 = 3.0;
+const DECIDED: f64 = 2.5;
 
 /// Difference of a parameter for its slope.
 const NUDGE: f64 = 1e-5;
@@ -75,7 +75,7 @@ impl Body {
     }
 
     /// The quadric that fits best: least squares of distances and normals, with a weak pull to the
-    /// ball. `None` without contacts, or when fewer than three numbers were measured per parameter:
+    /// ball. `None` without contacts, or when fewer than two and a half numbers were measured per parameter:
     /// few contacts fit any.
     pub fn quadric(dimension: usize, contacts: &[Contact]) -> Option<Body> {
         let problem = Problem::of(dimension, contacts)?;
@@ -89,7 +89,7 @@ impl Body {
 
     /// The quadric cut by those of the `faces` that pay for their parameters (by the Bayesian
     /// information criterion), all fitted together. `None` without contacts, when no cut pays, or
-    /// when fewer than three numbers were measured per parameter: where a cut quadric ends away from
+    /// when fewer than two and a half numbers were measured per parameter: where a cut quadric ends away from
     /// the contacts is then a guess.
     pub fn cut(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<Body> {
         let problem = Problem::of(dimension, contacts)?;
@@ -118,7 +118,7 @@ impl Body {
     }
 
     /// The superquadric that fits best. `None` where [`Superquadric::fit`] finds none, or when fewer
-    /// than three numbers were measured per parameter.
+    /// than two and a half numbers were measured per parameter.
     pub fn superquadric(dimension: usize, contacts: &[Contact]) -> Option<Body> {
         let found = Superquadric::fit(dimension, contacts).ok()?;
         let parameters = found.neighbours().len() as f64;
@@ -142,13 +142,16 @@ impl Body {
         Some(body.closed(dimension, contacts, &found.undecided()))
     }
 
-    /// The polytope of all `faces`, closed or not. `None` without contacts or faces.
+    /// The polytope of all `faces`, closed or not. `None` without contacts or faces, or when fewer than
+    /// two and a half numbers were measured per parameter.
     pub fn polytope(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<Body> {
         let problem = Problem::of(dimension, contacts)?;
         let planes = problem.planes(faces, 1);
         let start = problem.start(Round::Nothing);
+        let measured = problem.measured() as f64;
+        let decided = |body: &Body| measured >= DECIDED * (measured - body.degrees);
         let body = problem.body(&planes.iter().fold(start, |fit, plane| fit.cut(dimension, plane)));
-        Some(body?.closed(dimension, contacts, &[]))
+        body.filter(decided).map(|body| body.closed(dimension, contacts, &[]))
     }
 }
 
