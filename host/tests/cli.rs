@@ -246,6 +246,8 @@ fn bad_arguments_are_refused() {
         ("replay file -o x.jsonl", &["file"]),
         ("reproduce figure-9.9", &["figure-9.9", "figure-2.7"]),
         ("reproduce figure-2.9 --seeds 1 --out file", &["file", "write"]),
+        ("reproduce push --contacts 5", &["--contacts", "shapes", "push"]),
+        ("reproduce figure-2.5 --noise 1mm,2deg", &["--noise", "shapes"]),
         ("dance", &["dance"]),
     ] {
         bench.refuses(line, words);
