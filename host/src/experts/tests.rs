@@ -119,26 +119,6 @@ fn many_experts_agree_with_the_dense_process() {
 }
 
 #[test]
-#[ignore = "figures of the documentation: minutes without optimisation"]
-fn agreement_in_figures() {
-    for (dimension, count) in [(2, 150), (2, 600), (3, 300), (3, 700)] {
-        let (errors, ratios, ours) = compared(dimension, count);
-        println!(
-            "{dimension}D, {count} contacts, {} sites, {} experts: error/deviation median {:.3}, \
-             95 % {:.3}, worst {:.3}; deviation ratio least {:.3}, median {:.3}, greatest {:.3}",
-            ours.sites(),
-            ours.experts(),
-            quantile(errors.clone(), 0.5),
-            quantile(errors.clone(), 0.95),
-            quantile(errors, 1.0),
-            quantile(ratios.clone(), 0.0),
-            quantile(ratios.clone(), 0.5),
-            quantile(ratios, 1.0),
-        );
-    }
-}
-
-#[test]
 fn nothing_jumps_at_any_border() {
     for dimension in [2, 3] {
         let surface = experts(dimension, &touches(dimension, 200));
