@@ -8,8 +8,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::pyramid::Stamped;
 use super::site::Observation;
+use crate::dense::Cholesky;
 use crate::reference::Kernel;
-use crate::reference::cholesky::Cholesky;
 use crate::space::Point;
 
 /// Least variance of a row in units of its prior variance: keeps the matrix well conditioned where
