@@ -6,7 +6,7 @@ use super::*;
 use crate::contact::{Contact, GraspView};
 use crate::matrix::{Square, Vector};
 use crate::space::{Planar, PlanarPose, Pose};
-use crate::track::{Estimate, Observability};
+use crate::track::{Estimate, Modes, Observability, Status};
 
 /// Composes the motions and counts what it is given.
 struct Counting {
@@ -43,6 +43,8 @@ impl Tracker<Planar> for Counting {
             grasp: self.grasps - 1,
             pose: self.pose,
             covariance: Square::ZERO,
+            status: Status::Tracking,
+            modes: Modes::NONE,
             effective_particles: self.seed as f32,
             observability: Observability::NONE,
             contacts: grasp.contacts.len() as u16,

@@ -8,7 +8,7 @@ use crate::space::{Pose, Space};
 use crate::surface::{Insertion, Map};
 use crate::track::likelihood::log_likelihood;
 use crate::track::particles::Particles;
-use crate::track::{Estimate, MotionNoise, Observability, Tracker};
+use crate::track::{Estimate, Modes, MotionNoise, Observability, Status, Tracker};
 
 /// The thesis' condition on a pose (3.5.1): enough contacts of the grasp must lie close to contacts
 /// already in the map, or its likelihood is zero. Of a grasp with fewer contacts, all must.
@@ -216,13 +216,20 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Tracker<S> for Bootstrap<S, M,
         let contacts = good(&grasp).count();
         let mut corrected = false;
         let mut resampled = false;
-        if self.started {
+        let begun = self.started;
+        if begun {
             self.predict(motion);
             corrected = contacts > 0 && self.weigh(&grasp);
         } else {
             self.particles.place(S::Pose::IDENTITY);
             self.start(&grasp);
         }
+        let status = match (begun, contacts, corrected) {
+            (false, ..) => Status::Started,
+            (true, 0, _) => Status::Predicted,
+            (true, _, false) => Status::Lost,
+            (true, _, true) => Status::Tracking,
+        };
         let (pose, covariance) = self.particles.mean();
         let effective_particles = self.particles.effective();
         if corrected {
@@ -235,6 +242,8 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Tracker<S> for Bootstrap<S, M,
             grasp: self.grasps,
             pose,
             covariance,
+            status,
+            modes: Modes::one(pose),
             effective_particles,
             observability: Observability::of(felt),
             contacts: contacts.min(usize::from(u16::MAX)) as u16,

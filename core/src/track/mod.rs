@@ -2,11 +2,13 @@
 
 pub mod bootstrap;
 pub mod likelihood;
+pub mod modes;
 pub mod motion;
 pub mod observability;
 pub mod particles;
 
 pub use bootstrap::{Bootstrap, Gate, Settings};
+pub use modes::{Mode, Modes, Separation};
 pub use motion::MotionNoise;
 pub use observability::Observability;
 
@@ -29,6 +31,30 @@ pub trait Tracker<S: Space> {
 
     /// How much the object moves beyond what the hand intended, from now on.
     fn set_motion_noise(&mut self, noise: MotionNoise);
+
+    /// What the tracker now believes the object's pose was at an earlier grasp (numbered as in
+    /// [`Estimate::grasp`]): later grasps may have taught it better. `None` where it does not
+    /// remember; then the estimate of that time stands.
+    fn recall(&self, _grasp: u32) -> Option<S::Pose> {
+        None
+    }
+}
+
+/// How much an estimate is worth.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Status {
+    /// Nothing has been touched yet, or this grasp fixed the object frame.
+    #[default]
+    Started,
+    /// The grasp fits the shape at one pose.
+    Tracking,
+    /// Nothing usable was felt: the pose is the prediction.
+    Predicted,
+    /// The grasp fits at several poses, see [`Estimate::modes`]; the pose is the heaviest one's.
+    Ambiguous,
+    /// The grasp fits nowhere. The pose is the prediction and the shape was left alone; later grasps
+    /// may find the object again.
+    Lost,
 }
 
 /// What a tracker believes after one grasp.
@@ -40,7 +66,12 @@ pub struct Estimate<S: Space> {
     pub pose: S::Pose,
     /// Covariance of the pose in tangent coordinates (object axes; metres and radians).
     pub covariance: S::Covariance,
-    /// Effective number of particles, 1/Σw²; their whole number when all weigh the same.
+    /// How much this is worth.
+    pub status: Status,
+    /// The poses that the belief holds possible, heaviest first.
+    pub modes: Modes<S>,
+    /// Effective number of particles or hypotheses, 1/Σw²; their whole number when all weigh the
+    /// same.
     pub effective_particles: f32,
     /// Which directions of the pose this grasp can see.
     pub observability: Observability<S>,
@@ -50,8 +81,8 @@ pub struct Estimate<S: Space> {
     pub rejected: u16,
     /// Contacts (of this or earlier grasps) that the bounded map let go in this update.
     pub dropped: u16,
-    /// Whether the grasp corrected the pose. False on the first grasp, on an empty one, and when no
-    /// particle passed the gate, in which case the pose is the prediction.
+    /// Whether the grasp corrected the pose. False on the first grasp, on an empty one, and when it
+    /// fits nowhere; the pose is then the prediction.
     pub corrected: bool,
     /// Whether the particles were resampled.
     pub resampled: bool,

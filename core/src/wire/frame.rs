@@ -258,7 +258,8 @@ pub struct EstimateFrame<S: WireSpace> {
     pub rejected: u8,
     /// Contacts the bounded map let go in this update, at most 255.
     pub dropped: u8,
-    /// Bit 0: the grasp corrected the pose. Bit 1: the particles were resampled.
+    /// Bit 0: the grasp corrected the pose. Bit 1: the particles were resampled. Bits 2 to 4: the
+    /// [`track::Status`] in the order of its variants.
     pub flags: u8,
 }
 
@@ -277,7 +278,9 @@ impl<S: WireSpace> EstimateFrame<S> {
             contacts: estimate.contacts.min(255) as u8,
             rejected: estimate.rejected.min(255) as u8,
             dropped: estimate.dropped.min(255) as u8,
-            flags: estimate.corrected as u8 | (estimate.resampled as u8) << 1,
+            flags: estimate.corrected as u8
+                | (estimate.resampled as u8) << 1
+                | (estimate.status as u8) << 2,
         };
         let deviation = |i| math::sqrt(estimate.covariance.at(i, i).max(0.0));
         for (i, d) in AsMut::<[f32]>::as_mut(&mut frame.deviations).iter_mut().enumerate() {
@@ -340,6 +343,17 @@ impl<S: WireSpace> EstimateFrame<S> {
     /// Whether the particles were resampled.
     pub fn resampled(&self) -> bool {
         self.flags & 2 != 0
+    }
+
+    /// How much the estimate is worth; a status this version does not know counts as lost.
+    pub fn status(&self) -> track::Status {
+        match self.flags >> 2 & 7 {
+            0 => track::Status::Started,
+            1 => track::Status::Tracking,
+            2 => track::Status::Predicted,
+            3 => track::Status::Ambiguous,
+            _ => track::Status::Lost,
+        }
     }
 }
 

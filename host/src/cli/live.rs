@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::wire::WireSpace;
 
-use super::slam::{Input, TrackerKind};
+use super::slam::Input;
 use super::{Error, progress, say};
 use crate::link::qemu::Qemu;
 use crate::link::session::settings_for;
@@ -20,6 +20,7 @@ use crate::log::GraspLog;
 use crate::log::recording::Header;
 use crate::slam::choose::Choice;
 use crate::slam::output::{Provenance, conclude};
+use crate::slam::track::Kind;
 use crate::slam::track::Step;
 use crate::space::Bridge;
 
@@ -48,8 +49,8 @@ pub struct LiveArgs {
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// What the board runs
-    #[arg(long, value_enum, default_value_t = TrackerKind::Bootstrap)]
-    tracker: TrackerKind,
+    #[arg(long, value_enum, default_value_t = Kind::Bootstrap)]
+    tracker: Kind,
     /// Seed of the board's random numbers
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -101,7 +102,7 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
     let fed =
         if log.dimension == 2 { feed::<Planar>(args, log) } else { feed::<Spatial>(args, log) }?;
     let tracker = match args.tracker {
-        TrackerKind::Bootstrap => "bootstrap on the board",
+        Kind::Bootstrap => "bootstrap on the board",
     };
     let title = input.title();
     let provenance = Provenance {

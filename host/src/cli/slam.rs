@@ -23,8 +23,8 @@ pub struct SlamArgs {
     /// Grasp log; without one, the bundled recording
     log: Option<PathBuf>,
     /// How poses are estimated
-    #[arg(long, value_enum, default_value_t = TrackerKind::Bootstrap)]
-    tracker: TrackerKind,
+    #[arg(long, value_enum, default_value_t = track::Kind::Bootstrap)]
+    tracker: track::Kind,
     /// Surface model
     #[arg(long, value_enum, default_value_t = SurfaceKind::Auto)]
     surface: SurfaceKind,
@@ -40,13 +40,6 @@ pub struct SlamArgs {
     /// Print the report as JSON
     #[arg(long)]
     json: bool,
-}
-
-/// Trackers on offer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum TrackerKind {
-    /// Bootstrap particle filter over one shared map (thesis 3.3.1, corrected)
-    Bootstrap,
 }
 
 /// Surface models on offer.
@@ -132,11 +125,7 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
             let steps = track::truth(log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
             (steps, "truth")
         }
-        Poses::Estimated => match args.tracker {
-            TrackerKind::Bootstrap => {
-                (track::bootstrap(log, &track::settings(log, args.seed)), "bootstrap")
-            }
-        },
+        Poses::Estimated => (args.tracker.follow(log, args.seed), args.tracker.name()),
     };
     let tracking_seconds = start.elapsed().as_secs_f64();
     let surface = match args.surface {

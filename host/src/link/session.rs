@@ -147,6 +147,8 @@ impl<S: Bridge + WireSpace> LogOutcome<S> {
             Step {
                 pose,
                 covariance: six_by_six::<S>(&estimate.covariance()),
+                status: estimate.status(),
+                modes: Vec::new(),
                 effective_particles: estimate.effective_particles.into(),
                 corrected: estimate.corrected(),
                 observed: (0..S::FREEDOM)

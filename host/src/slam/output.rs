@@ -4,6 +4,8 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use tactile_core::track::Status;
+
 use crate::log::{GraspLog, TrueShape};
 use crate::shape::files::{self, FileError};
 use crate::shape::{Geometry, Outline, ShapeError, metrics};
@@ -99,24 +101,17 @@ pub fn conclude(
     Ok(Outcome { report, reconstruction, steps, summary, times })
 }
 
-/// Log and poses side by side. A grasp is lost when it had contacts and yet corrected nothing; the
-/// first has nothing to correct, and poses from the log need no correction.
+/// Log and poses side by side.
 fn judged(log: &GraspLog, steps: &[Step]) -> Vec<JudgedGrasp> {
-    let mut started = false;
     log.grasps
         .iter()
         .zip(steps)
-        .map(|(grasp, step)| {
-            let tracked = step.effective_particles > 0.0;
-            let lost = started && tracked && !grasp.contacts.is_empty() && !step.corrected;
-            started |= !grasp.contacts.is_empty();
-            JudgedGrasp {
-                index: grasp.index,
-                estimate: step.pose,
-                truth: grasp.truth,
-                contacts: grasp.contacts.iter().map(|c| c.point).collect(),
-                lost,
-            }
+        .map(|(grasp, step)| JudgedGrasp {
+            index: grasp.index,
+            estimate: step.pose,
+            truth: grasp.truth,
+            contacts: grasp.contacts.iter().map(|c| c.point).collect(),
+            lost: step.status == Status::Lost,
         })
         .collect()
 }

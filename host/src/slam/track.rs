@@ -6,7 +6,7 @@ use tactile_core::matrix::Square;
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::surface::cholesky::packed;
 use tactile_core::surface::{Ball, Gpis, Matern32, Prior, Training};
-use tactile_core::track::{Bootstrap, Estimate, MotionNoise, Settings, Tracker};
+use tactile_core::track::{Bootstrap, Estimate, MotionNoise, Settings, Status, Tracker};
 
 use crate::log::{GraspLog, LoggedGrasp, Noise};
 use crate::slam::deviations;
@@ -37,7 +37,12 @@ pub struct Step {
     /// Covariance of the pose in tangent coordinates (object axes): translation, then rotation;
     /// zero for poses taken from the log. Planar poses fill x, y and the rotation about z.
     pub covariance: Matrix6<f64>,
-    /// Effective number of particles; 0 for poses taken from the log.
+    /// How much it is worth.
+    pub status: Status,
+    /// The poses held possible and their shares of the belief, heaviest first; empty for poses taken
+    /// from the log.
+    pub modes: Vec<(Pose, f64)>,
+    /// Effective number of particles or hypotheses; 0 for poses taken from the log.
     pub effective_particles: f64,
     /// Whether the grasp corrected the pose; false for the first grasp and for one that did not fit
     /// the shape anywhere.
@@ -54,6 +59,8 @@ impl Step {
         Step {
             pose,
             covariance: Matrix6::zeros(),
+            status: Status::Tracking,
+            modes: Vec::new(),
             effective_particles: 0.0,
             corrected: false,
             observed: 0,
@@ -66,6 +73,13 @@ impl Step {
         Step {
             pose: S::isometry(&estimate.pose),
             covariance: six_by_six::<S>(&estimate.covariance),
+            status: estimate.status,
+            modes: estimate
+                .modes
+                .as_slice()
+                .iter()
+                .map(|m| (S::isometry(&m.pose), f64::from(m.weight)))
+                .collect(),
             effective_particles: f64::from(estimate.effective_particles),
             corrected: estimate.corrected,
             observed: estimate.observability.rank(),
@@ -84,6 +98,30 @@ pub fn six_by_six<S: Bridge>(core: &S::Covariance) -> Matrix6<f64> {
         }
     }
     covariance
+}
+
+/// The trackers on offer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Kind {
+    /// Bootstrap particle filter over one shared map (thesis 3.3.1, corrected)
+    Bootstrap,
+}
+
+impl Kind {
+    /// Its name on the command line and in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Bootstrap => "bootstrap",
+        }
+    }
+
+    /// Follows the object through the log: one step per grasp, the same for the same seed on every
+    /// machine.
+    pub fn follow(self, log: &GraspLog, seed: u64) -> Vec<Step> {
+        match self {
+            Kind::Bootstrap => bootstrap(log, &settings(log, seed)),
+        }
+    }
 }
 
 /// The log has no true pose where one was asked for.
@@ -134,8 +172,20 @@ pub fn settings(log: &GraspLog, seed: u64) -> Settings {
     Settings { motion, seed, ..Settings::DEFAULT }
 }
 
-/// Feeds a log through any tracker.
+/// Feeds a log through any tracker. Poses that the tracker came to know better later
+/// ([`Tracker::recall`]) are as it knows them in the end.
 pub fn follow<S: Bridge>(tracker: &mut impl Tracker<S>, log: &GraspLog) -> Vec<Step> {
+    let mut steps = online(tracker, log);
+    for (grasp, step) in (0..).zip(&mut steps) {
+        if let Some(pose) = tracker.recall(grasp) {
+            step.pose = S::isometry(&pose);
+        }
+    }
+    steps
+}
+
+/// Feeds a log through any tracker: each step as it was known at the time.
+pub fn online<S: Bridge>(tracker: &mut impl Tracker<S>, log: &GraspLog) -> Vec<Step> {
     log.grasps
         .iter()
         .map(|grasp| {

@@ -8,7 +8,7 @@ use super::super::*;
 use crate::contact::{Contact, FreePoint};
 use crate::matrix::{Coordinates, Matrix, Vector};
 use crate::space::{Planar, PlanarPose, Pose, Spatial, SpatialPose};
-use crate::track::{Estimate, Observability};
+use crate::track::{Estimate, Modes, Observability, Status};
 
 fn wire<M: serde::Serialize>(sequence: u8, time: u32, message: M) -> Vec<u8> {
     let mut buffer = [0; MAX_FRAME];
@@ -58,6 +58,8 @@ fn spatial_estimate(grasp: u32) -> Estimate<Spatial> {
         grasp,
         pose: SpatialPose::new(Vector([0.1, -0.2, 0.3]), [0.1, 0.2, -0.3, 0.9]),
         covariance,
+        status: Status::Tracking,
+        modes: Modes::NONE,
         effective_particles: 16_383.0,
         observability: Observability {
             eigenvalues: Vector([0.001, 0.1, 0.3, 0.5, 0.9, 1.9]),
@@ -76,6 +78,8 @@ fn planar_estimate(grasp: u32) -> Estimate<Planar> {
         grasp,
         pose: PlanarPose::new(Vector([0.1, -0.2]), 2.5),
         covariance: Matrix([[4e-6, 1e-6, 0.0], [1e-6, 1e-6, -1e-7], [0.0, -1e-7, 1e-4]]),
+        status: Status::Tracking,
+        modes: Modes::NONE,
         effective_particles: 16_383.0,
         observability: Observability {
             eigenvalues: Vector([0.001, 0.1, 1.9]),
