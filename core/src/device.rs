@@ -8,10 +8,12 @@ use core::marker::PhantomData;
 use heapless::Vec;
 
 use crate::contact::Grasp;
-use crate::track::{MotionNoise, Tracker};
+use crate::surface::Face;
+use crate::track::{Modes, MotionNoise, Tracker};
 use crate::wire::{
-    Arrival, BoardKind, Clock, Command, Decoder, EstimateFrame, Frame, FrameError, Health, Hello,
-    MAX_FRAME, PROTOCOL, Received, Refusal, Reply, Report, Settings, Topic, WireSpace, encode,
+    Arrival, BoardKind, Clock, Command, Decoder, EstimateFrame, FaceFrame, Frame, FrameError,
+    Health, Hello, MAX_FRAME, ModeFrame, PROTOCOL, Received, Refusal, Reply, Report, Settings,
+    Topic, TrackerKind, WireSpace, encode,
 };
 
 pub use trackers::{
@@ -52,11 +54,19 @@ pub struct Vitals {
 pub trait Onboard<S: WireSpace>: Tracker<S> {
     /// Contacts the map can hold.
     const MAP: usize;
-    /// Particles of the filter.
+    /// Particles or hypotheses.
     const PARTICLES: usize;
+    /// How it follows the object.
+    const KIND: TrackerKind;
 
     /// Sets the model of the surface; called before the first use.
     fn prepare(&mut self);
+
+    /// Face `number` of the shape and how many there are; `None` beyond them, or where the shape has
+    /// no faces.
+    fn face(&self, _number: u8) -> Option<(Face<S>, u8)> {
+        None
+    }
 }
 
 /// A tracker behind a link. `CONTACTS` contacts, and as many free points, fit in one grasp.
@@ -77,6 +87,7 @@ pub struct Device<T, S: WireSpace, const CONTACTS: usize> {
     settings: Option<Settings>,
     health: Health,
     estimate: Option<EstimateFrame<S>>,
+    modes: Modes<S>,
     answer: Answer<S>,
     /// Whether a host has said `Hello`.
     greeted: bool,
@@ -118,6 +129,7 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
             settings: None,
             health: Health::NONE,
             estimate: None,
+            modes: Modes::NONE,
             answer: Answer { bytes: Vec::new(), to: 0, next: 0, space: PhantomData },
             greeted: false,
             ready: false,
@@ -223,6 +235,14 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
                 self.answer.add(board.now(), Report::Estimate(estimate));
             }
             Command::Query(Topic::Health) => self.report_health(board),
+            Command::Query(Topic::Mode(number)) => {
+                let mode = ModeFrame::new(&self.modes, number).ok_or(Refusal::NoSuch)?;
+                self.answer.add(board.now(), Report::Mode(mode));
+            }
+            Command::Query(Topic::Face(number)) => {
+                let (face, of) = self.tracker.face(number).ok_or(Refusal::NoSuch)?;
+                self.answer.add(board.now(), Report::Face(FaceFrame::new(&face, number, of)));
+            }
         }
         Ok(())
     }
@@ -244,6 +264,7 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
         self.motion = None;
         let frame = EstimateFrame::new(&estimate);
         self.estimate = Some(frame);
+        self.modes = estimate.modes;
         self.answer.add(board.now(), Report::Estimate(frame));
         self.report_health(board);
     }
@@ -261,6 +282,7 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
         self.grasp.clear();
         self.motion = None;
         self.estimate = None;
+        self.modes = Modes::NONE;
         self.start();
     }
 
@@ -287,6 +309,7 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
             protocol: PROTOCOL,
             firmware: FIRMWARE,
             board: B::KIND,
+            tracker: T::KIND,
             dimension: S::DIMENSION as u8,
             contacts: CONTACTS.min(u16::MAX as usize) as u16,
             map: T::MAP.min(u16::MAX as usize) as u16,

@@ -4,8 +4,9 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::contact::{Contact, GraspView};
-use crate::matrix::{Square, Vector};
+use crate::matrix::{Coordinates, Square, Vector};
 use crate::space::{Planar, PlanarPose, Pose};
+
 use crate::track::{Estimate, Modes, Observability, Status};
 
 /// Composes the motions and counts what it is given.
@@ -44,7 +45,7 @@ impl Tracker<Planar> for Counting {
             pose: self.pose,
             covariance: Square::ZERO,
             status: Status::Tracking,
-            modes: Modes::NONE,
+            modes: Modes::one(self.pose),
             effective_particles: self.seed as f32,
             observability: Observability::NONE,
             contacts: grasp.contacts.len() as u16,
@@ -69,6 +70,20 @@ impl Tracker<Planar> for Counting {
 impl Onboard<Planar> for Counting {
     const MAP: usize = 40;
     const PARTICLES: usize = 300;
+    const KIND: TrackerKind = TrackerKind::Hypotheses;
+
+    fn face(&self, number: u8) -> Option<(Face<Planar>, u8)> {
+        let face = Face {
+            normal: Vector([0.6, -0.8]),
+            offset: 0.02,
+            centroid: Vector([0.012, -0.016]),
+            offset_variance: 4e-8,
+            covariance: [[64e-6, 48e-6, 0.0], [48e-6, 36e-6, 0.0], [0.0; 3]],
+            contacts: 7,
+            cost: 1.0,
+        };
+        (number < 2).then_some((face, 2))
+    }
 
     fn prepare(&mut self) {
         self.prepared += 1;
@@ -233,8 +248,24 @@ fn a_grasp_is_collected_and_answered() {
         let again = rig.say(Command::Query(Topic::Estimate));
         assert_eq!(again[0], Report::Estimate(e));
     }
+    let Report::Mode(mode) = rig.say(Command::Query(Topic::Mode(0)))[0] else { panic!() };
+    assert_eq!((mode.number, mode.of), (0, 1));
+    let mode = mode.mode().unwrap();
+    assert_eq!((mode.weight, mode.pose.translation()[0]), (1.0, 0.75));
+    let Report::Face(face) = rig.say(Command::Query(Topic::Face(1)))[0] else { panic!() };
+    assert_eq!((face.number, face.of, face.contacts), (1, 2, 7));
+    assert_eq!((face.deviation, face.tilt), (200, 100));
+    let (normal, centroid) = face.plane();
+    assert!((normal - Vector([0.6, -0.8])).norm() < 1e-4);
+    assert_eq!(centroid, Vector([0.012, -0.016]));
+    for topic in [Topic::Mode(1), Topic::Face(2)] {
+        let to = rig.next + 1;
+        assert_eq!(rig.say(Command::Query(topic)), [refused(to, Refusal::NoSuch)]);
+    }
     rig.say(Command::Reset);
     assert_eq!((rig.device.tracker.grasps, rig.device.tracker.prepared), (0, 1));
+    let to = rig.next + 1;
+    assert_eq!(rig.say(Command::Query(Topic::Mode(0))), [refused(to, Refusal::NoSuch)]);
     let to = rig.next + 1;
     assert_eq!(rig.say(Command::Query(Topic::Estimate)), [refused(to, Refusal::NoEstimate)]);
 }

@@ -6,7 +6,7 @@ use crate::space::{Planar, Spatial};
 use crate::surface::cholesky::packed;
 use crate::surface::{Ball, Gpis, Matern32, Prior, Training};
 use crate::track::Bootstrap;
-use crate::wire::WireSpace;
+use crate::wire::{TrackerKind, WireSpace};
 
 /// Standard deviation of the surface about its prior ball, metres.
 const AMPLITUDE: f32 = 0.03;
@@ -50,6 +50,7 @@ impl<S: WireSpace, const SITES: usize, const ROWS: usize, const PACKED: usize, c
 {
     const MAP: usize = SITES;
     const PARTICLES: usize = N;
+    const KIND: TrackerKind = TrackerKind::Bootstrap;
 
     fn prepare(&mut self) {
         self.map_mut().configure(

@@ -57,6 +57,19 @@ pub enum Status {
     Lost,
 }
 
+impl Status {
+    /// In one lower-case word, as tables and reports have it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Status::Started => "started",
+            Status::Tracking => "tracking",
+            Status::Predicted => "predicted",
+            Status::Ambiguous => "ambiguous",
+            Status::Lost => "lost",
+        }
+    }
+}
+
 /// What a tracker believes after one grasp.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate<S: Space> {

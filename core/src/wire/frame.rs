@@ -8,10 +8,11 @@ use super::quantity::{Clock, Fraction, WireSpace, nearest};
 use crate::contact::{Contact, FreePoint};
 use crate::math;
 use crate::matrix::{Coordinates, Square};
+use crate::surface::Face;
 use crate::track;
 
 /// Version of the protocol. It changes whenever a golden vector changes.
-pub const PROTOCOL: u8 = 1;
+pub const PROTOCOL: u8 = 2;
 
 /// One message with its place in the stream.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -64,6 +65,10 @@ pub enum Report<S: WireSpace> {
     Estimate(EstimateFrame<S>),
     /// How the board fares.
     Health(Health),
+    /// One of the poses the belief holds possible.
+    Mode(ModeFrame<S>),
+    /// One of the object's faces.
+    Face(FaceFrame<S>),
 }
 
 /// What [`Command::Query`] asks for.
@@ -73,6 +78,10 @@ pub enum Topic {
     Estimate,
     /// [`Report::Health`].
     Health,
+    /// [`Report::Mode`] of this number, 0 the heaviest, after the last grasp.
+    Mode(u8),
+    /// [`Report::Face`] of this number, from 0, as the shape is now.
+    Face(u8),
 }
 
 /// Who is there.
@@ -84,14 +93,31 @@ pub struct Hello {
     pub firmware: [u8; 3],
     /// What the core runs on.
     pub board: BoardKind,
+    /// How it follows the object.
+    pub tracker: TrackerKind,
     /// 2 or 3.
     pub dimension: u8,
     /// Contacts, and as many free points, in one grasp.
     pub contacts: u16,
     /// Contacts the map can hold.
     pub map: u16,
-    /// Particles of the filter.
+    /// Particles or hypotheses of the tracker.
     pub particles: u16,
+}
+
+/// How a board follows the object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum TrackerKind {
+    /// [`track::Bootstrap`]: particles over one shared map.
+    Bootstrap,
+    /// Particles that each carry the object's faces.
+    RaoBlackwell,
+    /// A few hypotheses over pose and faces together.
+    Hypotheses,
+    /// A few hypotheses over the pose on a curved surface.
+    Curved,
+    /// Hypotheses over faces and on a curved surface, whichever explains the contacts better.
+    Automatic,
 }
 
 /// What the core runs on.
@@ -357,6 +383,83 @@ impl<S: WireSpace> EstimateFrame<S> {
     }
 }
 
+/// One of the poses that the belief held possible after the last grasp.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "")]
+pub struct ModeFrame<S: WireSpace> {
+    /// Its number, 0 the heaviest.
+    pub number: u8,
+    /// How many there are.
+    pub of: u8,
+    /// Its share of the belief.
+    pub weight: Fraction,
+    /// Object to world.
+    pub pose: S::Numbers,
+}
+
+impl<S: WireSpace> ModeFrame<S> {
+    /// Packs the mode of this number; `None` where there are not so many.
+    pub fn new(modes: &track::Modes<S>, number: u8) -> Option<Self> {
+        let all = modes.as_slice();
+        let mode = all.get(usize::from(number))?;
+        Some(ModeFrame {
+            number,
+            of: all.len() as u8,
+            weight: Fraction::new(mode.weight),
+            pose: S::pack_pose(&mode.pose),
+        })
+    }
+
+    /// The mode, or `None` when a number is not finite.
+    pub fn mode(&self) -> Option<track::Mode<S>> {
+        Some(track::Mode { pose: S::unpack_pose(self.pose)?, weight: self.weight.value() })
+    }
+}
+
+/// One face of the object, in the object frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "")]
+pub struct FaceFrame<S: WireSpace> {
+    /// Its number, from 0.
+    pub number: u8,
+    /// How many there are.
+    pub of: u8,
+    /// Contacts it was fitted to, at most 65 535.
+    pub contacts: u16,
+    /// Unit, out of the object.
+    pub normal: S::Normal,
+    /// A point on the face, near the middle of its contacts, micrometres.
+    pub centroid: S::Point,
+    /// Standard deviation along the normal there, micrometres, at most 65 535.
+    pub deviation: u16,
+    /// Standard deviation of the normal, 10⁻⁴ radians per axis, at most 65 535.
+    pub tilt: u16,
+}
+
+impl<S: WireSpace> FaceFrame<S> {
+    /// Packs a face of so many.
+    pub fn new(face: &Face<S>, number: u8, of: u8) -> Self {
+        let trace: f32 = (0..S::DIMENSION).map(|i| face.covariance[i][i]).sum();
+        let tilt = math::sqrt((trace / (S::DIMENSION - 1) as f32).max(0.0));
+        let deviation = math::sqrt(face.offset_variance.max(0.0));
+        let counted = |v: f32| nearest(v).clamp(0, u16::MAX.into()) as u16;
+        FaceFrame {
+            number,
+            of,
+            contacts: face.contacts,
+            normal: S::pack_normal(face.normal),
+            centroid: S::pack_point(face.centroid),
+            deviation: counted(deviation * 1e6),
+            tilt: counted(tilt * 1e4),
+        }
+    }
+
+    /// Normal (unit), and a point on the face (metres).
+    pub fn plane(&self) -> (S::Vector, S::Vector) {
+        (S::unpack_normal(self.normal), S::unpack_point(self.centroid))
+    }
+}
+
 fn covariance_scale(deviations: &[f32], i: usize, j: usize) -> f32 {
     deviations.get(i).zip(deviations.get(j)).map_or(0.0, |(a, b)| a * b)
 }
@@ -428,6 +531,8 @@ pub enum Refusal {
     Full,
     /// No grasp has been committed since the last reset.
     NoEstimate,
+    /// There is no mode or face of this number.
+    NoSuch,
 }
 
 impl core::fmt::Display for Refusal {
@@ -440,6 +545,7 @@ impl core::fmt::Display for Refusal {
             Refusal::Motion => "the motion is not finite",
             Refusal::Full => "the grasp is full",
             Refusal::NoEstimate => "no grasp has been committed yet",
+            Refusal::NoSuch => "there are not so many",
         })
     }
 }

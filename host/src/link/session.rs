@@ -10,11 +10,11 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use tactile_core::contact::{Contact, FreePoint};
-use tactile_core::track::{MotionNoise, Observability};
+use tactile_core::track::{MotionNoise, Observability, Status};
 use tactile_core::wire::{
-    Clock, Command, ContactFrame, Counters, Decoder, EstimateFrame, Frame, FrameError, FreeFrame,
-    Health, Hello, MAX_FRAME, MotionFrame, PROTOCOL, Refusal, Report, Settings, Topic, WireSpace,
-    encode,
+    Clock, Command, ContactFrame, Counters, Decoder, EstimateFrame, FaceFrame, Frame, FrameError,
+    FreeFrame, Health, Hello, MAX_FRAME, ModeFrame, MotionFrame, PROTOCOL, Refusal, Report,
+    Settings, Topic, WireSpace, encode,
 };
 
 use super::Link;
@@ -107,10 +107,12 @@ pub enum SessionError {
 }
 
 /// What a board made of one grasp.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct GraspOutcome<S: WireSpace> {
     /// What the board believes.
     pub estimate: EstimateFrame<S>,
+    /// The poses it held possible, heaviest first: asked for where the estimate is ambiguous.
+    pub modes: Vec<ModeFrame<S>>,
     /// How it fares.
     pub health: Health,
     /// Contacts of the log that the board's grasp had no room for.
@@ -148,7 +150,12 @@ impl<S: Bridge + WireSpace> LogOutcome<S> {
                 pose,
                 covariance: six_by_six::<S>(&estimate.covariance()),
                 status: estimate.status(),
-                modes: Vec::new(),
+                modes: grasp
+                    .modes
+                    .iter()
+                    .filter_map(ModeFrame::mode)
+                    .map(|m| (S::isometry(&m.pose), m.weight.into()))
+                    .collect(),
                 effective_particles: estimate.effective_particles.into(),
                 corrected: estimate.corrected(),
                 observed: (0..S::FREEDOM)
@@ -175,11 +182,18 @@ pub struct Session<S: WireSpace, L> {
 }
 
 /// What came with a reply.
-#[derive(Default)]
 struct Answer<S: WireSpace> {
     hello: Option<Hello>,
     estimate: Option<EstimateFrame<S>>,
     health: Option<Health>,
+    mode: Option<ModeFrame<S>>,
+    face: Option<FaceFrame<S>>,
+}
+
+impl<S: WireSpace> Default for Answer<S> {
+    fn default() -> Self {
+        Answer { hello: None, estimate: None, health: None, mode: None, face: None }
+    }
 }
 
 impl<S: WireSpace, L: Link> Session<S, L> {
@@ -256,6 +270,47 @@ impl<S: WireSpace, L: Link> Session<S, L> {
         self.wanted("health", Command::Query(Topic::Health), |answer| answer.health)
     }
 
+    /// The poses that the board held possible after the last grasp, heaviest first.
+    ///
+    /// # Errors
+    /// No answer, or no grasp committed yet.
+    pub fn modes(&mut self) -> Result<Vec<ModeFrame<S>>, SessionError> {
+        let mut modes = Vec::new();
+        loop {
+            let number = modes.len() as u8;
+            let topic = Command::Query(Topic::Mode(number));
+            let mode =
+                self.wanted("mode", topic, |a| a.mode.take().filter(|m| m.number == number))?;
+            modes.push(mode);
+            if modes.len() >= usize::from(mode.of) {
+                return Ok(modes);
+            }
+        }
+    }
+
+    /// The faces of the object as the board has them now, in the object frame; none where its
+    /// tracker has no faces.
+    ///
+    /// # Errors
+    /// No answer.
+    pub fn faces(&mut self) -> Result<Vec<FaceFrame<S>>, SessionError> {
+        let mut faces = Vec::new();
+        loop {
+            let number = faces.len() as u8;
+            let topic = Command::Query(Topic::Face(number));
+            let found =
+                self.wanted("face", topic, |a| a.face.take().filter(|f| f.number == number));
+            let face = match found {
+                Err(SessionError::Refused { refusal: Refusal::NoSuch, .. }) => return Ok(faces),
+                other => other?,
+            };
+            faces.push(face);
+            if faces.len() >= usize::from(face.of) {
+                return Ok(faces);
+            }
+        }
+    }
+
     /// One grasp: motion since the last (`None`: unknown), what was felt and what was not, world
     /// frame.
     ///
@@ -290,8 +345,13 @@ impl<S: WireSpace, L: Link> Session<S, L> {
             return Err(SessionError::NotFinite { grasp: due });
         }
         self.committed += 1;
+        let elapsed = start.elapsed();
+        let modes = match estimate.status() {
+            Status::Ambiguous => self.modes()?,
+            _ => Vec::new(),
+        };
         let not_sent = contacts.len().saturating_sub(room);
-        Ok(GraspOutcome { estimate, health, not_sent, elapsed: start.elapsed() })
+        Ok(GraspOutcome { estimate, modes, health, not_sent, elapsed })
     }
 
     /// Sends a command until its reply comes; gives what came with it.
@@ -375,6 +435,8 @@ impl<S: WireSpace, L: Link> Session<S, L> {
                 Report::Hello(hello) => answer.hello = Some(hello),
                 Report::Estimate(estimate) => answer.estimate = Some(estimate),
                 Report::Health(health) => answer.health = Some(health),
+                Report::Mode(mode) => answer.mode = Some(mode),
+                Report::Face(face) => answer.face = Some(face),
                 Report::Reply(reply) if reply.to == sequence => {
                     return match reply.refusal {
                         None => Ok(true),

@@ -5,9 +5,10 @@ use std::time::Duration;
 
 use serde_json::{Map, Value, json};
 use tactile_core::space::{Planar, Spatial};
+use tactile_core::track::Status;
 use tactile_core::wire::{
-    Arrival, Command, Counters, Decoder, EstimateFrame, Health, Hello, Received, Report, Settings,
-    WireSpace,
+    Arrival, Command, Counters, Decoder, EstimateFrame, Health, Hello, ModeFrame, Received, Report,
+    Settings, WireSpace,
 };
 
 use super::recording::{Direction, Recording};
@@ -47,7 +48,11 @@ pub struct RecordedEstimate {
     pub pose: Pose,
     /// Standard deviations in tangent coordinates, metres and radians.
     pub deviations: Vec<f32>,
-    /// Effective number of particles.
+    /// How much it is worth.
+    pub status: Status,
+    /// The poses held possible and their shares, heaviest first, where they were asked for.
+    pub modes: Vec<(Pose, f32)>,
+    /// Effective number of particles or hypotheses.
     pub effective_particles: u16,
     /// Contacts used, with bad numbers, and let go by the map.
     pub contacts: [u8; 3],
@@ -140,6 +145,8 @@ fn replay<S: Bridge + WireSpace>(recording: &Recording) -> Replayed {
                         Report::Hello(hello) => collector.replayed.hello = Some(hello),
                         Report::Health(health) => collector.replayed.health = Some(health),
                         Report::Estimate(estimate) => collector.estimate = Some(estimate),
+                        Report::Mode(frame) => collector.mode(&frame),
+                        Report::Face(_) => {}
                         Report::Reply(reply) => {
                             let command = pending.take_if(|(sequence, _)| *sequence == reply.to);
                             match command {
@@ -203,6 +210,18 @@ impl<S: Bridge + WireSpace> Collector<S> {
         }
     }
 
+    /// One of the answers of the last estimate.
+    fn mode(&mut self, frame: &ModeFrame<S>) {
+        let Replayed { log, estimates, .. } = &mut self.replayed;
+        if let (Some(mode), Some(estimate), Some(grasp)) =
+            (frame.mode(), estimates.last_mut(), log.grasps.last_mut())
+            && estimate.modes.len() == usize::from(frame.number)
+        {
+            estimate.modes.push((S::isometry(&mode.pose), mode.weight));
+            grasp.unknown.insert("estimate".into(), estimate.to_json(S::DIMENSION));
+        }
+    }
+
     /// An index only where the log can name it.
     fn finger(&self, finger: u8) -> Option<usize> {
         Some(usize::from(finger)).filter(|&f| f < self.replayed.log.fingers.len())
@@ -226,6 +245,8 @@ impl<S: Bridge + WireSpace> Collector<S> {
                 time,
                 grasp: estimate.grasp,
                 pose: S::isometry(&pose),
+                status: estimate.status(),
+                modes: Vec::new(),
                 deviations: AsRef::<[f32]>::as_ref(&estimate.deviations).to_vec(),
                 effective_particles: estimate.effective_particles,
                 contacts: [estimate.contacts, estimate.rejected, estimate.dropped],
@@ -241,17 +262,23 @@ impl<S: Bridge + WireSpace> Collector<S> {
 
 impl RecordedEstimate {
     fn to_json(&self, dimension: usize) -> Value {
-        let t = self.pose.translation.vector;
-        let q = self.pose.rotation.coords;
-        let (translation, rotation) = if dimension == 2 {
-            (json!([t.x, t.y]), json!(space::angle(&self.pose)))
-        } else {
-            (json!([t.x, t.y, t.z]), json!([q.x, q.y, q.z, q.w]))
+        let pose = |pose: &Pose| {
+            let t = pose.translation.vector;
+            let q = pose.rotation.coords;
+            match dimension {
+                2 => json!({ "translation": [t.x, t.y], "rotation": space::angle(pose) }),
+                _ => json!({ "translation": [t.x, t.y, t.z], "rotation": [q.x, q.y, q.z, q.w] }),
+            }
         };
+        let modes = self.modes.iter().map(|(p, weight)| {
+            let mut mode = pose(p);
+            mode["weight"] = json!(weight);
+            mode
+        });
         json!({
-            "pose": { "translation": translation, "rotation": rotation },
+            "pose": pose(&self.pose), "modes": modes.collect::<Vec<_>>(),
             "deviations": self.deviations, "effective_particles": self.effective_particles,
-            "corrected": self.corrected,
+            "corrected": self.corrected, "status": self.status.name(),
         })
     }
 }
@@ -263,7 +290,7 @@ impl Replayed {
     /// # Errors
     /// When the writer fails.
     pub fn write_csv(&self, writer: &mut (impl Write + ?Sized)) -> io::Result<()> {
-        let counts = "effective_particles,contacts,rejected,dropped,corrected,resampled";
+        let counts = "effective_particles,contacts,rejected,dropped,corrected,resampled,status";
         let planar = self.log.dimension == 2;
         if planar {
             writeln!(writer, "grasp,time,x,y,angle,sd_x,sd_y,sd_angle,{counts}")?;
@@ -286,7 +313,8 @@ impl Replayed {
             }
             let [contacts, rejected, dropped] = e.contacts;
             write!(writer, ",{},{contacts},{rejected},{dropped}", e.effective_particles)?;
-            writeln!(writer, ",{},{}", u8::from(e.corrected), u8::from(e.resampled))?;
+            let (corrected, resampled) = (u8::from(e.corrected), u8::from(e.resampled));
+            writeln!(writer, ",{corrected},{resampled},{}", e.status.name())?;
         }
         Ok(())
     }

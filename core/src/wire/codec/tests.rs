@@ -8,7 +8,8 @@ use super::super::*;
 use crate::contact::{Contact, FreePoint};
 use crate::matrix::{Coordinates, Matrix, Vector};
 use crate::space::{Planar, PlanarPose, Pose, Spatial, SpatialPose};
-use crate::track::{Estimate, Modes, Observability, Status};
+use crate::surface::Face;
+use crate::track::{Estimate, Mode, Modes, Observability, Status};
 
 fn wire<M: serde::Serialize>(sequence: u8, time: u32, message: M) -> Vec<u8> {
     let mut buffer = [0; MAX_FRAME];
@@ -93,10 +94,23 @@ fn planar_estimate(grasp: u32) -> Estimate<Planar> {
     }
 }
 
+fn face() -> Face<Spatial> {
+    Face {
+        normal: Vector([0.0, 0.6, 0.8]),
+        offset: 0.05,
+        centroid: Vector([0.01, 0.03, 0.04]),
+        offset_variance: 1e-8,
+        covariance: [[1e-6, 0.0, 0.0], [0.0, 0.64e-6, -0.48e-6], [0.0, -0.48e-6, 0.36e-6]],
+        contacts: 12,
+        cost: 3.0,
+    }
+}
+
 const HELLO: Hello = Hello {
     protocol: PROTOCOL,
     firmware: [0, 1, 0],
     board: BoardKind::Stm32f405,
+    tracker: TrackerKind::Hypotheses,
     dimension: 3,
     contacts: 16,
     map: 64,
@@ -132,6 +146,9 @@ fn health() -> Health {
 fn golden() -> Vec<(&'static str, Vec<u8>)> {
     let settings = Settings { seed: 300, ..Settings::DEFAULT };
     let motion = SpatialPose::new(Vector([0.01, 0.0, -0.02]), [0.0, 0.0, 0.6, 0.8]);
+    let mut modes = Modes::one(motion);
+    modes.push(Mode { pose: SpatialPose::IDENTITY, weight: 0.25 });
+    let mode = ModeFrame::new(&modes, 1).unwrap();
     let free = FreePoint { point: Vector([0.0, 0.000_064, -0.000_001]), finger: 1 };
     let planar_free = FreePoint { point: Vector([0.001, -0.001]), finger: 0 };
     let unusual = ContactFrame::new(&contact(), 0.1);
@@ -157,6 +174,8 @@ fn golden() -> Vec<(&'static str, Vec<u8>)> {
         ("commit", wire(7, 7, C::Commit)),
         ("query estimate", wire(8, 8, C::Query(Topic::Estimate))),
         ("query health", wire(8, 8, C::Query(Topic::Health))),
+        ("query mode", wire(8, 8, C::Query(Topic::Mode(1)))),
+        ("query face", wire(8, 8, C::Query(Topic::Face(15)))),
         ("hello report", wire(9, 9, R::Hello(HELLO))),
         ("reply", wire(10, 10, R::Reply(Reply { to: 5, refusal: None }))),
         ("refusal", wire(11, 11, R::Reply(Reply { to: 5, refusal: Some(Refusal::Full) }))),
@@ -173,6 +192,8 @@ fn golden() -> Vec<(&'static str, Vec<u8>)> {
             ),
         ),
         ("health", wire(13, 13, R::Health(health()))),
+        ("mode 3d", wire(14, 14, R::Mode(mode))),
+        ("face 3d", wire(15, 15, R::Face(FaceFrame::new(&face(), 3, 6)))),
     ]
 }
 
