@@ -4,8 +4,6 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use tactile_core::track::Status;
-
 use crate::log::{GraspLog, TrueShape};
 use crate::shape::files::{self, FileError};
 use crate::shape::{Geometry, Outline, ShapeError, metrics};
@@ -111,7 +109,7 @@ fn judged(log: &GraspLog, steps: &[Step]) -> Vec<JudgedGrasp> {
             estimate: step.pose,
             truth: grasp.truth,
             contacts: grasp.contacts.iter().map(|c| c.point).collect(),
-            lost: step.status == Status::Lost,
+            status: step.status,
         })
         .collect()
 }

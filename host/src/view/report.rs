@@ -5,6 +5,7 @@ use std::fmt;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use tactile_core::track::Status;
 
 use crate::log::write::write_atomically;
 use crate::shape::{Geometry, align, metrics};
@@ -33,6 +34,9 @@ pub struct Report {
     pub seconds: BTreeMap<String, f64>,
     /// Grasps the tracker could not explain.
     pub lost: Vec<u64>,
+    /// Grasps that fit at several poses.
+    #[serde(default)]
+    pub ambiguous: Vec<u64>,
 }
 
 /// Distances between the estimated and the true surface.
@@ -87,8 +91,8 @@ pub struct JudgedGrasp {
     pub truth: Option<Pose>,
     /// Contact points in the world frame, metres.
     pub contacts: Vec<Point>,
-    /// Whether the tracker could not explain it.
-    pub lost: bool,
+    /// How much the tracker thought its estimate worth.
+    pub status: Status,
 }
 
 /// Everything a report is made from.
@@ -168,6 +172,9 @@ impl Report {
         let aligned =
             shapes.as_ref().and_then(|(e, t)| metrics::compare_at(e, &align::align(e, t), t));
         let millimetres = |metres: f64| rounded(metres * 1e3);
+        let with = |status| {
+            run.grasps.iter().filter(|g| g.status == status).map(|g| g.index).collect::<Vec<_>>()
+        };
         Report {
             grasps: run.grasps.len(),
             contacts: run.grasps.iter().map(|g| g.contacts.len()).sum(),
@@ -196,7 +203,8 @@ impl Report {
             },
             contact_rms_mm: run.estimate.and_then(|e| contact_rms(run.grasps, e)).map(millimetres),
             seconds: run.seconds.iter().map(|(k, s)| (k.to_string(), rounded(*s))).collect(),
-            lost: run.grasps.iter().filter(|g| g.lost).map(|g| g.index).collect(),
+            lost: with(Status::Lost),
+            ambiguous: with(Status::Ambiguous),
         }
     }
 
@@ -247,9 +255,11 @@ impl fmt::Display for Report {
         row("contacts to surface", show(self.contact_rms_mm, "mm"), "rms")?;
         let total: f64 = self.seconds.values().sum();
         row("time", show(Some(total), "s"), "")?;
-        if !self.lost.is_empty() {
-            let lost: Vec<String> = self.lost.iter().map(u64::to_string).collect();
-            row("lost grasps", lost.len().to_string(), &lost.join(", "))?;
+        for (name, grasps) in [("lost grasps", &self.lost), ("ambiguous grasps", &self.ambiguous)] {
+            if !grasps.is_empty() {
+                let numbers: Vec<String> = grasps.iter().map(u64::to_string).collect();
+                row(name, grasps.len().to_string(), &numbers.join(", "))?;
+            }
         }
         Ok(())
     }
@@ -279,7 +289,7 @@ mod tests {
                 estimate: estimate[k],
                 truth: Some(truth[k]),
                 contacts: vec![(estimate[k] * gauge * felt).coords],
-                lost: k == 1,
+                status: if k == 1 { Status::Lost } else { Status::Ambiguous },
             })
             .collect()
     }
@@ -343,6 +353,9 @@ mod tests {
   },
   "lost": [
     1
+  ],
+  "ambiguous": [
+    0
   ]
 }
 "#;
@@ -406,7 +419,9 @@ mod tests {
         assert!(text.lines().all(|l| l == l.trim_end()), "{text}");
         assert!(text.starts_with("2 grasps, 2 contacts, 2D, tracker bootstrap, surface gp\n"));
         assert!(text.contains("3.00 mm") && text.contains("2.00 °") && text.contains("1.50 s"));
-        assert!(text.contains("lost grasps") && text.contains('–'));
+        assert!(
+            text.contains("lost grasps") && text.contains("ambiguous grasps") && text.contains('–')
+        );
     }
 
     #[test]
