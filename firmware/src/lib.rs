@@ -12,3 +12,28 @@ mod registers;
 mod rescue;
 #[cfg(target_os = "none")]
 pub mod stack;
+
+/// A whole image: the device of this type and first value obeys the board's UART for ever. On a
+/// host an empty `main`.
+#[macro_export]
+macro_rules! image {
+    ($device:ident :: $start:ident) => {
+        #[cfg(not(target_os = "none"))]
+        fn main() {}
+
+        #[cfg(target_os = "none")]
+        mod firmware {
+            use tactile_core::device::$device;
+            use tactile_firmware::board::Selected;
+
+            #[cortex_m_rt::entry]
+            fn main() -> ! {
+                static mut DEVICE: $device = $device::$start;
+                let mut board = Selected::start();
+                loop {
+                    DEVICE.run(&mut board);
+                }
+            }
+        }
+    };
+}

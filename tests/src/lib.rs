@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde_json::Map;
 use tactile_core::space::{Planar, Spatial};
-use tactile_core::wire::WireSpace;
+use tactile_core::wire::{TrackerKind, WireSpace};
 use tactile_host::link::firmware::{self, FirmwareError, Machine};
 use tactile_host::link::qemu::Qemu;
 use tactile_host::log::{GraspLog, LoggedContact, LoggedFree, LoggedGrasp, Noise};
@@ -33,8 +33,11 @@ pub fn unless_missing<T>(outcome: Result<T, FirmwareError>) -> Option<T> {
 }
 
 /// An image and a running emulator with it, or `None` when something has to be installed first.
-pub fn board<S: WireSpace>(machine: Machine) -> Option<(PathBuf, Qemu)> {
-    let image = firmware::image_for(S::DIMENSION)?;
+///
+/// # Panics
+/// When no image follows objects so.
+pub fn board<S: WireSpace>(machine: Machine, tracker: TrackerKind) -> Option<(PathBuf, Qemu)> {
+    let image = firmware::image_for(S::DIMENSION, tracker).expect("an image with this tracker");
     let elf = unless_missing(firmware::build(image, machine))?;
     let board = unless_missing(Qemu::start(&elf, machine, Duration::from_secs(300)))?;
     Some((elf, board))

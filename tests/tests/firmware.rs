@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use tactile_core::space::{Planar, Spatial};
-use tactile_core::wire::BoardKind;
+use tactile_core::wire::{BoardKind, TrackerKind};
 use tactile_host::link::firmware::{self, Machine};
 use tactile_host::link::session::settings_for;
 use tactile_host::link::{
@@ -13,6 +13,7 @@ use tactile_host::link::{
 use tactile_tests::{Sample, board, unless_missing};
 
 const GRASPS: usize = 12;
+const BOOTSTRAP: TrackerKind = TrackerKind::Bootstrap;
 
 fn run<S: Sample>(link: impl Link, patience: Patience) -> LogOutcome<S> {
     let log = S::log(GRASPS);
@@ -37,14 +38,19 @@ fn bits<S: Sample>(outcome: &LogOutcome<S>) -> Vec<Vec<u8>> {
         .collect()
 }
 
-fn agrees_with_the_virtual_board<S: Sample>(machine: Machine, kind: BoardKind) {
-    let Some((elf, emulated)) = board::<S>(machine) else { return };
+fn agrees_with_the_virtual_board<S: Sample>(
+    machine: Machine,
+    kind: BoardKind,
+    tracker: TrackerKind,
+) {
+    let Some((elf, emulated)) = board::<S>(machine, tracker) else { return };
     let emulated = run::<S>(emulated, Patience::default());
-    let here = run::<S>(virtual_board::start(S::DIMENSION).unwrap(), Patience::default());
+    let here = run::<S>(virtual_board::start(S::DIMENSION, tracker).unwrap(), Patience::default());
     assert_eq!(bits(&emulated), bits(&here));
     assert!(emulated.grasps[1..].iter().all(|g| g.estimate.corrected()));
     assert_eq!((emulated.hello.board, here.hello.board), (kind, BoardKind::Virtual));
     assert_eq!(emulated.hello.map, here.hello.map);
+    assert_eq!((emulated.hello.tracker, here.hello.tracker), (tracker, tracker));
     // The greeting may come before the board listens.
     assert!(emulated.repeated <= 1 && emulated.received.damaged() == 0);
     let health = emulated.grasps.last().unwrap().health;
@@ -59,22 +65,22 @@ fn agrees_with_the_virtual_board<S: Sample>(machine: Machine, kind: BoardKind) {
 
 #[test]
 fn an_emulated_stm32f405_tracks_bit_for_bit_in_the_plane() {
-    agrees_with_the_virtual_board::<Planar>(Machine::Stm32f405, BoardKind::Stm32f405);
+    agrees_with_the_virtual_board::<Planar>(Machine::Stm32f405, BoardKind::Stm32f405, BOOTSTRAP);
 }
 
 #[test]
 fn an_emulated_stm32f405_tracks_bit_for_bit_in_space() {
-    agrees_with_the_virtual_board::<Spatial>(Machine::Stm32f405, BoardKind::Stm32f405);
+    agrees_with_the_virtual_board::<Spatial>(Machine::Stm32f405, BoardKind::Stm32f405, BOOTSTRAP);
 }
 
 #[test]
 fn the_second_board_tracks_bit_for_bit() {
-    agrees_with_the_virtual_board::<Planar>(Machine::Mps2An386, BoardKind::Mps2An386);
+    agrees_with_the_virtual_board::<Planar>(Machine::Mps2An386, BoardKind::Mps2An386, BOOTSTRAP);
 }
 
 #[test]
 fn firmware_survives_a_bad_line() {
-    let Some((_, emulated)) = board::<Planar>(Machine::Stm32f405) else { return };
+    let Some((_, emulated)) = board::<Planar>(Machine::Stm32f405, BOOTSTRAP) else { return };
     let faults = Faults { drop: 0.03, corrupt: 0.03, double: 0.03, reorder: 0.03 };
     let mut link = Faulty::new(emulated, faults, 5);
     // Noise before the first frame, as a line that is plugged in makes.
@@ -83,7 +89,7 @@ fn firmware_survives_a_bad_line() {
         Patience { reply: Duration::from_millis(60), update: Duration::from_secs(2), attempts: 30 };
     let faulty = run::<Planar>(&mut link, patience);
     assert!(link.injected() > 5 && faulty.repeated > 0);
-    let clean = run::<Planar>(virtual_board::start(2).unwrap(), patience);
+    let clean = run::<Planar>(virtual_board::start(2, BOOTSTRAP).unwrap(), patience);
     assert_eq!(bits(&faulty), bits(&clean));
     let health = faulty.grasps.last().unwrap().health;
     assert!(health.received.damaged() > 0 || faulty.received.damaged() > 0);

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use tactile_core::space::{Planar, Spatial};
-use tactile_core::wire::{Refusal, Settings};
+use tactile_core::wire::{Refusal, Settings, TrackerKind};
 use tactile_host::link::session::settings_for;
 use tactile_host::link::{
     Faults, Faulty, Link, LogOutcome, Patience, Recorder, Session, SessionError, virtual_board,
@@ -22,7 +22,7 @@ fn run<S: Sample>(link: impl Link, grasps: usize) -> LogOutcome<S> {
 }
 
 fn board<S: Sample>() -> Box<dyn Link> {
-    virtual_board::start(S::DIMENSION).unwrap()
+    virtual_board::start(S::DIMENSION, TrackerKind::Bootstrap).unwrap()
 }
 
 fn estimates<S: Sample>(outcome: &LogOutcome<S>) -> Vec<tactile_core::wire::EstimateFrame<S>> {

@@ -1,20 +1,4 @@
-//! A spatial tracker on a board: frames in, frames out, for ever.
+//! A board that tracks in space with a bootstrap filter: frames in, frames out, for ever.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
-#[cfg(not(target_os = "none"))]
-fn main() {}
-
-#[cfg(target_os = "none")]
-mod firmware {
-    use tactile_core::device::SpatialDevice;
-    use tactile_firmware::board::Selected;
-
-    #[cortex_m_rt::entry]
-    fn main() -> ! {
-        static mut DEVICE: SpatialDevice = SpatialDevice::SPATIAL;
-        let mut board = Selected::start();
-        loop {
-            DEVICE.run(&mut board);
-        }
-    }
-}
+tactile_firmware::image!(SpatialDevice::SPATIAL);

@@ -20,8 +20,7 @@ use crate::log::GraspLog;
 use crate::log::recording::Header;
 use crate::slam::choose::Choice;
 use crate::slam::output::{Provenance, conclude};
-use crate::slam::track::Kind;
-use crate::slam::track::Step;
+use crate::slam::track::{Kind, Step};
 use crate::space::Bridge;
 
 /// Emulators end after this long, whatever happens.
@@ -48,7 +47,7 @@ pub struct LiveArgs {
     /// Write all frames, both ways, to this recording (.tac)
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// What the board runs
+    /// What the board runs; a board behind tcp must have been built so
     #[arg(long, value_enum, default_value_t = Kind::Bootstrap)]
     tracker: Kind,
     /// Seed of the board's random numbers
@@ -101,13 +100,11 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
     let Input { log, name, truth } = &input;
     let fed =
         if log.dimension == 2 { feed::<Planar>(args, log) } else { feed::<Spatial>(args, log) }?;
-    let tracker = match args.tracker {
-        Kind::Bootstrap => "bootstrap on the board",
-    };
+    let tracker = format!("{} on the board", args.tracker.name());
     let title = input.title();
     let provenance = Provenance {
         title,
-        tracker,
+        tracker: &tracker,
         surface: Choice::Auto,
         tracking_seconds: fed.seconds,
         progress: &progress,
@@ -143,12 +140,12 @@ struct Fed {
 
 fn feed<S: Bridge + WireSpace>(args: &LiveArgs, log: &GraspLog) -> Result<Fed, Error> {
     let file = args.record.as_deref().map(create).transpose()?;
-    let result = connect(&args.port, S::DIMENSION).and_then(|link| match &file {
-        None => converse::<S>(link, log, args.seed),
+    let result = connect(args, S::DIMENSION).and_then(|link| match &file {
+        None => converse::<S>(link, log, args),
         Some(file) => {
             let header = Header::new(log.dimension, log.fingers.clone(), log.description.clone());
             let recorder = Recorder::new(link, file, &header).map_err(Error::failure)?;
-            converse::<S>(recorder, log, args.seed)
+            converse::<S>(recorder, log, args)
         }
     });
     if let (Err(_), Some(file), Some(path)) = (&result, &file, &args.record)
@@ -164,16 +161,18 @@ fn create(path: &Path) -> Result<File, Error> {
     File::create(path).map_err(|e| Error::Input(format!("{}: cannot write: {e}", path.display())))
 }
 
-fn connect(port: &Port, dimension: usize) -> Result<Box<dyn Link>, Error> {
-    match port {
-        Port::Virtual => virtual_board::start(dimension)
-            .ok_or_else(|| Error::Input(format!("no board tracks in {dimension} dimensions"))),
+fn connect(args: &LiveArgs, dimension: usize) -> Result<Box<dyn Link>, Error> {
+    let name = args.tracker.name();
+    let none = || Error::Input(format!("--tracker {name}: no board carries it in {dimension}D"));
+    let tracker = args.tracker.on_board().ok_or_else(none)?;
+    match &args.port {
+        Port::Virtual => virtual_board::start(dimension, tracker).ok_or_else(none),
         Port::Tcp(address) => Tcp::connect(address, CONNECT)
             .map(|link| Box::new(link) as Box<dyn Link>)
             .map_err(|e| Error::Failure(format!("tcp:{address}: {e}"))),
         Port::Qemu => {
             eprintln!("building the firmware (a minute the first time) and starting QEMU");
-            Qemu::build_and_start(dimension, EMULATOR_LIMIT)
+            Qemu::build_and_start(dimension, tracker, EMULATOR_LIMIT)
                 .map(|link| Box::new(link) as Box<dyn Link>)
                 .map_err(Error::failure)
         }
@@ -183,11 +182,18 @@ fn connect(port: &Port, dimension: usize) -> Result<Box<dyn Link>, Error> {
 fn converse<S: Bridge + WireSpace>(
     link: impl Link,
     log: &GraspLog,
-    seed: u64,
+    args: &LiveArgs,
 ) -> Result<Fed, Error> {
     let start = Instant::now();
     let session = Session::<S, _>::open(link, Patience::default()).map_err(Error::failure)?;
-    let outcome = session.run(log, settings_for(log, seed), |_, _| ()).map_err(Error::failure)?;
+    let wanted = args.tracker.on_board();
+    if let Some(hello) = session.hello().filter(|h| Some(h.tracker) != wanted) {
+        let name = args.tracker.name();
+        let message = format!("--tracker {name}: the board was built with {:?}", hello.tracker);
+        return Err(Error::Input(message));
+    }
+    let outcome =
+        session.run(log, settings_for(log, args.seed), |_, _| ()).map_err(Error::failure)?;
     let seconds = start.elapsed().as_secs_f64();
     Ok(Fed { steps: outcome.steps(), seconds, board: figures(&outcome), text: words(&outcome) })
 }
@@ -202,6 +208,7 @@ fn figures<S: WireSpace>(outcome: &LogOutcome<S>) -> Value {
     let health = outcome.grasps.last().map(|g| g.health);
     json!({
         "board": format!("{:?}", hello.board),
+        "tracker": format!("{:?}", hello.tracker),
         "firmware": format!("{major}.{minor}.{patch}"),
         "capacity": { "grasp": hello.contacts, "map": hello.map, "particles": hello.particles },
         "frames": outcome.received.frames, "damaged": outcome.received.damaged(),
@@ -218,9 +225,10 @@ fn words<S: WireSpace>(outcome: &LogOutcome<S>) -> String {
     let hello = &outcome.hello;
     let [major, minor, patch] = hello.firmware;
     let mut text = format!(
-        "board          {:?}, firmware {major}.{minor}.{patch}: {} particles, map of {} contacts\n\
+        "board          {:?}, firmware {major}.{minor}.{patch}: {:?}, {} particles, map of {} contacts\n\
          link           {} frames from the board, {} damaged, {} sent again",
         hello.board,
+        hello.tracker,
         hello.particles,
         hello.map,
         outcome.received.frames,

@@ -5,6 +5,8 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use tactile_core::wire::TrackerKind;
+
 /// What the images are compiled for.
 const TARGET: &str = "thumbv7em-none-eabihf";
 /// Debian's toolchain, beside which rustup's may also exist.
@@ -95,13 +97,13 @@ impl Machine {
     }
 }
 
-/// The image that tracks in this many dimensions; `None` unless 2 or 3.
-pub fn image_for(dimension: usize) -> Option<&'static str> {
-    match dimension {
-        2 => Some("planar"),
-        3 => Some("spatial"),
-        _ => None,
-    }
+/// Every image with a tracker: its name, the dimension and how it follows the object.
+pub const IMAGES: [(&str, usize, TrackerKind); 2] =
+    [("planar", 2, TrackerKind::Bootstrap), ("spatial", 3, TrackerKind::Bootstrap)];
+
+/// The image that follows objects so in this many dimensions; `None` where there is none.
+pub fn image_for(dimension: usize, tracker: TrackerKind) -> Option<&'static str> {
+    IMAGES.iter().find(|i| (i.1, i.2) == (dimension, tracker)).map(|i| i.0)
 }
 
 /// The checkout: `$TACTILE_WORKSPACE`, or where this program was built.
@@ -226,11 +228,12 @@ pub fn clippy(machine: Machine) -> Result<(), FirmwareError> {
     let mut command = workshop.toolchain.command(true);
     command.args(["clippy", "--package", "tactile-core", "--package", "tactile-firmware"]);
     // `bench` counts instructions, which only one board can.
-    let parts: &[&str] = match machine {
-        Machine::Stm32f405 => &["--lib", "--bin", "planar", "--bin", "spatial"],
-        Machine::Mps2An386 => &["--lib", "--bins"],
+    match machine {
+        Machine::Stm32f405 => {
+            command.arg("--lib").args(IMAGES.iter().flat_map(|(name, ..)| ["--bin", name]))
+        }
+        Machine::Mps2An386 => command.args(["--lib", "--bins"]),
     };
-    command.args(parts);
     let features = match machine {
         Machine::Stm32f405 => "",
         Machine::Mps2An386 => "semihosting",

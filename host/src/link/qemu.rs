@@ -11,6 +11,8 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use std::{env, thread};
 
+use tactile_core::wire::TrackerKind;
+
 use super::Link;
 use super::firmware::{self, FirmwareError, Machine};
 use super::tcp::Tcp;
@@ -32,15 +34,19 @@ pub struct Qemu {
 }
 
 impl Qemu {
-    /// Builds the firmware of this dimension and starts it on an emulated STM32F405, for at most
+    /// Builds the firmware of this dimension and tracker and starts it on an emulated STM32F405, for at most
     /// `limit`.
     ///
     /// # Errors
     /// When something is missing, the build fails or the emulator does not start.
-    pub fn build_and_start(dimension: usize, limit: Duration) -> Result<Self, FirmwareError> {
-        let image = firmware::image_for(dimension).ok_or(FirmwareError::Missing {
-            what: "an image of this dimension",
-            remedy: "boards track in 2 or 3 dimensions",
+    pub fn build_and_start(
+        dimension: usize,
+        tracker: TrackerKind,
+        limit: Duration,
+    ) -> Result<Self, FirmwareError> {
+        let image = firmware::image_for(dimension, tracker).ok_or(FirmwareError::Missing {
+            what: "an image with this tracker",
+            remedy: "take another tracker",
         })?;
         let elf = firmware::build(image, Machine::Stm32f405)?;
         Self::start(&elf, Machine::Stm32f405, limit)

@@ -5,7 +5,7 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use tactile_core::device::{Board, Device, Onboard, PlanarDevice, SpatialDevice, Vitals};
-use tactile_core::wire::{BoardKind, WireSpace};
+use tactile_core::wire::{BoardKind, TrackerKind, WireSpace};
 
 use super::Link;
 
@@ -51,14 +51,22 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> VirtualBoard<T, S, CONT
     }
 }
 
-/// A virtual board of this dimension, as the firmware of the same name carries it; `None` unless it
-/// is 2 or 3.
-pub fn start(dimension: usize) -> Option<Box<dyn Link>> {
-    match dimension {
-        2 => Some(Box::new(VirtualBoard::start(Box::new(PlanarDevice::PLANAR)))),
-        3 => Some(Box::new(VirtualBoard::start(Box::new(SpatialDevice::SPATIAL)))),
+/// A virtual board of this dimension and tracker, as the firmware's image carries it; `None` where
+/// there is no such image.
+pub fn start(dimension: usize, tracker: TrackerKind) -> Option<Box<dyn Link>> {
+    match (dimension, tracker) {
+        (2, TrackerKind::Bootstrap) => on(PlanarDevice::PLANAR),
+        (3, TrackerKind::Bootstrap) => on(SpatialDevice::SPATIAL),
         _ => None,
     }
+}
+
+fn on<T, S, const CONTACTS: usize>(device: Device<T, S, CONTACTS>) -> Option<Box<dyn Link>>
+where
+    T: Onboard<S> + 'static,
+    S: WireSpace,
+{
+    Some(Box::new(VirtualBoard::start(Box::new(device))))
 }
 
 impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Link for VirtualBoard<T, S, CONTACTS> {

@@ -7,6 +7,7 @@ use tactile_core::space::{Planar, Spatial};
 use tactile_core::surface::cholesky::packed;
 use tactile_core::surface::{Ball, Gpis, Matern32, Prior, Training};
 use tactile_core::track::{Bootstrap, Estimate, MotionNoise, Settings, Status, Tracker};
+use tactile_core::wire::TrackerKind;
 
 use crate::log::{GraspLog, LoggedGrasp, Noise};
 use crate::slam::deviations;
@@ -112,6 +113,13 @@ impl Kind {
     pub fn name(self) -> &'static str {
         match self {
             Kind::Bootstrap => "bootstrap",
+        }
+    }
+
+    /// The same on a board; `None` where boards carry no such tracker.
+    pub fn on_board(self) -> Option<TrackerKind> {
+        match self {
+            Kind::Bootstrap => Some(TrackerKind::Bootstrap),
         }
     }
 

@@ -1,4 +1,4 @@
-//! `cargo fw build|run|count|size BIN [--board stm32f405|mps2-an386]` and `cargo fw clippy`: firmware with whatever toolchain
+//! `cargo fw build|run|count|size IMAGE [--board stm32f405|mps2-an386]` and `cargo fw clippy`: firmware with whatever toolchain
 //! there is, in QEMU, always under a time limit.
 //!
 //! Exit codes: 0 done, 1 failed, 2 wrong usage, 77 something has to be installed first (1 when
@@ -13,8 +13,7 @@ use tactile_host::link::firmware::{self, FirmwareError, Machine};
 use tactile_host::link::qemu::{self, Qemu};
 use tactile_host::link::{Patience, Session};
 
-const USAGE: &str =
-    "usage: cargo fw build|run|count|size planar|spatial|bench [--board stm32f405|mps2-an386]
+const USAGE: &str = "usage: cargo fw build|run|count|size IMAGE [--board stm32f405|mps2-an386]
        cargo fw clippy
   clippy check core and firmware for the target of every board
   build  compile the image and print its path
@@ -34,15 +33,18 @@ fn main() -> ExitCode {
     };
     let machine = match (image, board) {
         ("bench", None | Some("mps2-an386")) => Machine::Mps2An386,
-        ("planar" | "spatial", None | Some("stm32f405")) => Machine::Stm32f405,
-        ("planar" | "spatial", Some("mps2-an386")) => Machine::Mps2An386,
+        ("bench", _) => return usage(),
+        (_, None | Some("stm32f405")) => Machine::Stm32f405,
+        (_, Some("mps2-an386")) => Machine::Mps2An386,
         _ => return usage(),
     };
-    finish(match (verb, image) {
-        ("build", _) => build(image, machine),
-        ("run" | "count", "bench") => count(image, machine, verb == "count"),
-        ("run" | "size", "planar") => talk::<Planar>(image, machine, verb == "size"),
-        ("run" | "size", "spatial") => talk::<Spatial>(image, machine, verb == "size"),
+    let dimension = firmware::IMAGES.iter().find(|i| i.0 == image).map(|i| i.1);
+    finish(match (verb, dimension) {
+        ("build", Some(_)) => build(image, machine),
+        ("build", None) if image == "bench" => build(image, machine),
+        ("run" | "count", None) if image == "bench" => count(image, machine, verb == "count"),
+        ("run" | "size", Some(2)) => talk::<Planar>(image, machine, verb == "size"),
+        ("run" | "size", Some(_)) => talk::<Spatial>(image, machine, verb == "size"),
         _ => return usage(),
     })
 }
@@ -63,7 +65,8 @@ fn finish(outcome: Outcome) -> ExitCode {
 type Outcome = Result<(), Box<dyn std::error::Error>>;
 
 fn usage() -> ExitCode {
-    eprintln!("{USAGE}");
+    let images: Vec<&str> = firmware::IMAGES.iter().map(|i| i.0).collect();
+    eprintln!("{USAGE}\nimages: {}, bench", images.join(", "));
     ExitCode::from(2)
 }
 
