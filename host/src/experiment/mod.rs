@@ -3,8 +3,10 @@
 
 pub mod calibration;
 pub mod chapter2;
+pub mod chapter3;
 pub mod memory;
 pub mod model;
+pub mod proportion;
 pub mod push;
 pub mod shapes;
 pub mod touches;
