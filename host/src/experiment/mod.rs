@@ -46,6 +46,16 @@ fn evaluate(
     conclude(log, truth, steps, provenance).ok().map(|outcome| outcome.report)
 }
 
+/// Runs `work`, its parallel parts on threads with room for a tracker, which is built in place, and
+/// for the runs that a waiting thread takes up meanwhile.
+fn with_room<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    const STACK: usize = 256 << 20;
+    match rayon::ThreadPoolBuilder::new().stack_size(STACK).build() {
+        Ok(pool) => pool.install(work),
+        Err(_) => work(),
+    }
+}
+
 /// A picture that an experiment draws.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picture {

@@ -10,8 +10,8 @@ use clap::ValueEnum;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::experiment::Spread;
 use crate::experiment::proportion::Proportion;
+use crate::experiment::{Spread, with_room};
 use crate::log::GraspLog;
 use crate::quantity::Deviation;
 use crate::sim::{ObjectSpec, Options, SimError, simulate};
@@ -237,10 +237,9 @@ fn compare(
         ..Options::new(spec.clone())
     };
     let seeds = selection.first_seed..selection.first_seed.saturating_add(selection.seeds);
-    let runs: Vec<Run> = seeds
-        .into_par_iter()
-        .map(|seed| one(&Options { seed, ..options.clone() }, truth, contender))
-        .collect::<Result<_, _>>()?;
+    let run = |seed| one(&Options { seed, ..options.clone() }, truth, contender);
+    let runs: Vec<Run> =
+        with_room(|| seeds.into_par_iter().map(run).collect::<Result<_, SimError>>())?;
     let judged: Vec<Judgement> = runs.iter().filter_map(|r| r.judgement).collect();
     let spread = |f: fn(&Judgement) -> f64| Spread::of(judged.iter().map(f));
     let is_tracker = matches!(contender, Contender::Tracker(_));
