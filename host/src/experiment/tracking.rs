@@ -1,6 +1,7 @@
 //! Every tracker on every object at every noise: how often it keeps the object, and what it costs.
 
 pub mod judge;
+pub mod mujoco;
 
 use std::fmt;
 use std::str::FromStr;
@@ -10,6 +11,7 @@ use clap::ValueEnum;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::baseline::Baseline;
 use crate::experiment::proportion::Proportion;
 use crate::experiment::{Spread, with_room};
 use crate::log::GraspLog;
@@ -54,6 +56,8 @@ pub enum Contender {
     Odometry,
     /// A tracker on offer.
     Tracker(Kind),
+    /// A tracker of another school.
+    Baseline(Baseline),
 }
 
 /// No contender has that name.
@@ -81,7 +85,8 @@ impl Contender {
     /// All of them, in the table's order.
     pub fn all() -> impl Iterator<Item = Contender> {
         let trackers = Kind::value_variants().iter().map(|kind| Contender::Tracker(*kind));
-        [Contender::Oracle, Contender::Odometry].into_iter().chain(trackers)
+        let baselines = Baseline::ALL.into_iter().map(Contender::Baseline);
+        [Contender::Oracle, Contender::Odometry].into_iter().chain(trackers).chain(baselines)
     }
 
     /// As tables and the command line name it.
@@ -90,6 +95,7 @@ impl Contender {
             Contender::Oracle => "oracle",
             Contender::Odometry => "odometry",
             Contender::Tracker(kind) => kind.name(),
+            Contender::Baseline(baseline) => baseline.name(),
         }
     }
 
@@ -99,7 +105,13 @@ impl Contender {
             Contender::Oracle => truth(log).unwrap_or_default(),
             Contender::Odometry => odometry(log),
             Contender::Tracker(kind) => kind.follow(log, seed),
+            Contender::Baseline(baseline) => baseline.follow(log, seed),
         }
+    }
+
+    /// Whether it estimates anything.
+    pub fn is_tracker(self) -> bool {
+        matches!(self, Contender::Tracker(_) | Contender::Baseline(_))
     }
 }
 
@@ -242,8 +254,7 @@ fn compare(
         with_room(|| seeds.into_par_iter().map(run).collect::<Result<_, SimError>>())?;
     let judged: Vec<Judgement> = runs.iter().filter_map(|r| r.judgement).collect();
     let spread = |f: fn(&Judgement) -> f64| Spread::of(judged.iter().map(f));
-    let is_tracker = matches!(contender, Contender::Tracker(_));
-    let times = runs.iter().map(|r| r.milliseconds).filter(|_| is_tracker);
+    let times = runs.iter().map(|r| r.milliseconds).filter(|_| contender.is_tracker());
     Ok(Row {
         object: spec.to_string(),
         noise,
