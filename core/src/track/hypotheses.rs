@@ -26,15 +26,15 @@ mod search;
 
 pub use chart::Chart;
 
-use crate::contact::{Contact, GraspView};
+use crate::contact::{Contact, FreePoint, GraspView};
 use crate::math;
 use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
 use crate::track::{Estimate, Modes, MotionNoise, Observability, Separation, Status, Tracker};
-use hypothesis::{Hypothesis, Work};
+use hypothesis::{Hypothesis, Past, Work};
 use joint::Sparse;
-use plane::{Plane, Touch};
-use search::{FACE, Felt, LEAVES, Leaf, OPENS, Odds, Search, TOUCHES, WILD, replay};
+use plane::Touch;
+use search::{FACE, Felt, LEAVES, Leaf, OPENS, Odds, Search, TOUCHES, WILD, replay, settle};
 
 /// Numbers of a joint belief over a pose and `faces` planes: the `ROWS` of [`Hypotheses`].
 pub const fn rows<S: Space>(faces: usize) -> usize {
@@ -271,15 +271,19 @@ impl<
         // Unknown motion is taken for rest with twice the noise.
         let factor = if motion.is_some() { 1.0 } else { 2.0 };
         let noise = self.settings.motion;
+        let variances =
+            [noise.translation, noise.rotation].map(|deviation| factor * deviation * factor * deviation);
         for slot in self.order[..self.count].iter().map(|i| usize::from(*i)) {
             let hypothesis = &mut self.slots[slot];
             if let Some(motion) = motion {
                 hypothesis.pose = motion.compose(&hypothesis.pose);
             }
             for i in 0..S::FREEDOM {
-                let deviation = if i < S::DIMENSION { noise.translation } else { noise.rotation };
-                let deviation = factor * deviation;
-                hypothesis.joint.add_variance(i, deviation * deviation);
+                hypothesis.joint.add_variance(i, variances[usize::from(i >= S::DIMENSION)]);
+            }
+            if GRASPS > 0 {
+                let past = &mut hypothesis.past[self.grasps as usize % GRASPS];
+                (past.predicted, past.noise) = (hypothesis.pose, variances);
             }
         }
     }
@@ -332,12 +336,12 @@ impl<
         }
         let corrected = known > 0;
         let dropped = best.wild.into();
-        self.select(count, wider);
+        self.select(count, grasp.free, wider);
         Outcome { corrected, lost: false, dropped }
     }
 
     /// Replaces the hypotheses by the best explanations.
-    fn select(&mut self, count: usize, wider: [f32; 2]) {
+    fn select(&mut self, count: usize, free: &[FreePoint<S>], wider: [f32; 2]) {
         let mut chosen = [0u8; K];
         let mut kept = 0;
         let best = self.search.leaves()[0].node.score;
@@ -374,7 +378,7 @@ impl<
         }
         for (slot, c) in order.iter().zip(&chosen[..kept]) {
             let leaf = self.search.leaves()[usize::from(*c)];
-            self.continue_with(usize::from(*slot), &leaf, count, wider);
+            self.continue_with(usize::from(*slot), &leaf, count, free, wider);
         }
         (self.order, self.count) = (order, kept);
         self.rank();
@@ -392,16 +396,25 @@ impl<
     }
 
     /// Conditions the hypothesis in a slot on an explanation of the grasp.
-    fn continue_with(&mut self, slot: usize, leaf: &Leaf<S>, count: usize, wider: [f32; 2]) {
+    fn continue_with(
+        &mut self,
+        slot: usize,
+        leaf: &Leaf<S>,
+        count: usize,
+        free: &[FreePoint<S>],
+        wider: [f32; 2],
+    ) {
         let odds = self.odds(slot);
-        let felt = Felt { touches: &self.touches[..count], free: &[], wider };
+        let felt = Felt { touches: &self.touches[..count], free, wider };
         let labels = &leaf.node.labels[..count];
         let hypothesis = &mut self.slots[slot];
         let mut opened = hypothesis.faces;
         replay(&mut self.work, hypothesis, &felt, labels, leaf.node.tangent);
-        for touch in felt.touches.iter().zip(labels).filter(|(_, l)| **l != WILD).map(|(t, _)| t) {
-            for face in 0..hypothesis.faces {
-                let (height, variance) = self.work.beyond(touch, &hypothesis.pose, face);
+        settle(&mut self.work, hypothesis, &felt, labels, &odds);
+        for (touch, label) in felt.touches.iter().zip(labels).filter(|(_, l)| **l != WILD) {
+            for face in (0..hypothesis.faces).filter(|f| *label != FACE + *f as u8) {
+                let [height, variance] =
+                    self.work.height(touch.point, touch.point_variance, &hypothesis.pose, face);
                 let record = &mut hypothesis.records[face];
                 record.tested = record.tested.saturating_add(1);
                 if height > 3.0 * math::sqrt(variance) {
@@ -436,9 +449,11 @@ impl<
         while b < hypothesis.faces {
             let mut joined = false;
             for a in 0..b {
-                if let Some(gain) = coincide(hypothesis, work, a, b)
+                work.begin(hypothesis, [0.0; 2]);
+                if let Some(gain) = work.coincidence(a, b)
                     && gain > odds.opens
                 {
+                    work.join(a, b);
                     hypothesis.adopt(work);
                     hypothesis.weight += gain - odds.opens;
                     let record = hypothesis.records[b];
@@ -498,7 +513,9 @@ impl<
             let place = self.grasps as usize % GRASPS;
             for slot in &self.order[..self.count] {
                 let hypothesis = &mut self.slots[usize::from(*slot)];
-                hypothesis.history[place] = hypothesis.pose;
+                let covariance = hypothesis.pose_covariance();
+                let past = &mut hypothesis.past[place];
+                (past.pose, past.covariance) = (hypothesis.pose, covariance);
             }
         }
     }
@@ -584,47 +601,6 @@ fn alike<
             p.normal.dot(q.normal) > 0.998 && (p.offset - q.offset).abs() < 2e-3
         })
     })
-}
-
-/// Conditions `work` on planes `a` and `b` of a hypothesis being the same; the log density of that,
-/// `None` when they are further than 20° apart.
-fn coincide<
-    S: Chart,
-    const FACES: usize,
-    const ROWS: usize,
-    const PACKED: usize,
-    const GRASPS: usize,
->(
-    hypothesis: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>,
-    work: &mut Work<S, FACES, ROWS, PACKED>,
-    a: usize,
-    b: usize,
-) -> Option<f32> {
-    let (p, q): (Plane<S>, Plane<S>) = (hypothesis.planes[a], hypothesis.planes[b]);
-    if !(p.normal.dot(q.normal) > 0.94) {
-        return None;
-    }
-    let [first, second] = [a, b].map(|face| S::FREEDOM + S::DIMENSION * face);
-    let (axes, others) = (chart::across::<S>(p.normal), chart::across::<S>(q.normal));
-    let last = S::DIMENSION - 1;
-    work.begin(hypothesis, [0.0; 2]);
-    let mut density = 0.0;
-    for k in 0..S::DIMENSION {
-        let (mut of_first, mut of_second) = (S::Vector::ZERO, S::Vector::ZERO);
-        let (apart, noise) = if k < last {
-            of_first[k] = -1.0;
-            for (d, other) in others.iter().enumerate().take(last) {
-                of_second[d] = axes[k].dot(*other);
-            }
-            (axes[k].dot(q.normal), 1e-6)
-        } else {
-            (of_first[last], of_second[last]) = (-1.0, 1.0);
-            (q.offset - p.offset, 1e-9)
-        };
-        let h = Sparse([(first, of_first.as_slice()), (second, of_second.as_slice())]);
-        density += work.joint.observe(&mut work.mean, &mut work.gain, h, (-apart, noise));
-    }
-    density.is_finite().then_some(density)
 }
 
 impl<
@@ -720,6 +696,13 @@ impl<
         if GRASPS == 0 || age == 0 || age as usize > GRASPS {
             return None;
         }
-        self.best()?.history.get(grasp as usize % GRASPS).copied()
+        let past = |grasp: u32| -> Option<&Past<S>> {
+            self.best()?.past.get(grasp as usize % GRASPS)
+        };
+        let mut pose = past(self.grasps - 1)?.pose;
+        for earlier in (grasp..self.grasps - 1).rev() {
+            pose = past(earlier)?.smoothed(past(earlier + 1)?, &pose);
+        }
+        Some(pose)
     }
 }

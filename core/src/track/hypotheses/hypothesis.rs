@@ -5,8 +5,71 @@ use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
 
 use super::chart::{Chart, across};
-use super::joint::{Joint, Sparse};
-use super::plane::{Plane, Record, Rows, Touch, measure, solve, turned};
+use super::joint::{Joint, Sparse, normal};
+use super::plane::{Plane, Record, Row, Rows, Touch, height, measure, solve, turned};
+
+/// What a hypothesis remembers of a grasp.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Past<S: Space> {
+    /// Before the grasp, and the variances that the motion to there added to each translation and
+    /// rotation.
+    pub predicted: S::Pose,
+    pub noise: [f32; 2],
+    /// After it.
+    pub pose: S::Pose,
+    pub covariance: S::Covariance,
+}
+
+impl<S: Space> Past<S> {
+    pub const UNSET: Self = Past {
+        predicted: S::Pose::UNSET,
+        noise: [0.0; 2],
+        pose: S::Pose::UNSET,
+        covariance: S::Covariance::ZERO,
+    };
+
+    /// The pose, knowing that the one after `next` was `later` (Rauch, Tung and Striebel 1965, the
+    /// planes held): x ⊞ P·(P + Q)⁻¹·(predicted → later).
+    pub fn smoothed(&self, next: &Self, later: &S::Pose) -> S::Pose {
+        let error = next.predicted.local(later);
+        let n = S::FREEDOM;
+        let mut total = self.covariance;
+        for i in 0..n {
+            *total.at_mut(i, i) += next.noise[usize::from(i >= S::DIMENSION)];
+        }
+        // Cholesky, in place: at most six rows.
+        for i in 0..n {
+            for j in 0..=i {
+                let mut sum = total.at(i, j);
+                for k in 0..j {
+                    sum -= total.at(i, k) * total.at(j, k);
+                }
+                if i > j {
+                    *total.at_mut(i, j) = sum / total.at(j, j);
+                } else if sum > 0.0 {
+                    *total.at_mut(i, i) = math::sqrt(sum);
+                } else {
+                    return self.pose;
+                }
+            }
+        }
+        let mut x = error;
+        for i in 0..n {
+            for k in 0..i {
+                x[i] = x[i] - total.at(i, k) * x[k];
+            }
+            x[i] = x[i] / total.at(i, i);
+        }
+        for i in (0..n).rev() {
+            for k in i + 1..n {
+                x[i] = x[i] - total.at(k, i) * x[k];
+            }
+            x[i] = x[i] / total.at(i, i);
+        }
+        let step = S::Tangent::from_fn(|i| (0..n).map(|j| self.covariance.at(i, j) * x[j]).sum());
+        if step.is_finite() { self.pose.retract(step) } else { self.pose }
+    }
+}
 
 /// One joint hypothesis: pose, planes, their covariance, and where the object was before.
 #[derive(Clone, Debug)]
@@ -25,8 +88,8 @@ pub(super) struct Hypothesis<
     pub planes: [Plane<S>; FACES],
     pub records: [Record<S>; FACES],
     pub faces: usize,
-    /// Poses at earlier grasps, a ring.
-    pub history: [S::Pose; GRASPS],
+    /// Earlier grasps, a ring.
+    pub past: [Past<S>; GRASPS],
 }
 
 impl<
@@ -52,7 +115,7 @@ impl<
             planes: [Plane::UNSET; FACES],
             records: [Record::NONE; FACES],
             faces: 0,
-            history: [S::Pose::UNSET; GRASPS],
+            past: [Past::UNSET; GRASPS],
         }
     }
 
@@ -72,7 +135,7 @@ impl<
         self.planes[..n].copy_from_slice(&other.planes[..n]);
         self.records[..n].copy_from_slice(&other.records[..n]);
         self.faces = n;
-        self.history.copy_from_slice(&other.history);
+        self.past.copy_from_slice(&other.past);
     }
 
     pub fn forget_face(&mut self, face: usize) {
@@ -360,26 +423,140 @@ impl<S: Chart, const FACES: usize, const ROWS: usize, const PACKED: usize>
             tangent += spread[k] * -x[k];
             squared += e[k] * x[k];
         }
-        const LOG_TAU: f32 = 1.837_877_1;
         let density = -0.5 * (squared + log_determinant + count as f32 * LOG_TAU);
         density.is_finite().then_some(Match { density, tangent })
     }
 
-    /// How far a contact lies beyond a plane (metres), and the variance of that.
-    pub fn beyond(&self, touch: &Touch<S>, prior: &S::Pose, face: usize) -> (f32, f32) {
-        let at = self.tangent();
-        let pose = prior.retract(at);
-        let undirected = Touch { directed: false, ..*touch };
-        let rows = measure::<S>(&undirected, &pose, &S::transport(at), &self.planes[face]);
-        let first = Self::first_row(face);
-        let Some(row) = rows.as_slice().first() else { return (0.0, 1.0) };
-        let plane = S::Vector::from_fn(|d| self.mean[first + d]);
-        let height = row.residual + row.plane.dot(plane);
-        if height <= 0.0 {
-            return (height, row.noise);
-        }
-        (height, row.noise + self.joint.variance(sparse(&row.pose, first, &row.plane)))
+    /// Height of a point (world frame, with this variance) above a plane, metres, and its variance.
+    pub fn height(&self, point: S::Vector, variance: f32, prior: &S::Pose, face: usize) -> [f32; 2] {
+        let row = self.height_row(point, variance, prior, face);
+        let h = sparse(&row.pose, Self::first_row(face), &row.plane);
+        [row.residual, row.noise + self.joint.variance(h)]
     }
+
+    /// The height of a point, linearised at the mean; the residual is the mean height.
+    fn height_row(
+        &self,
+        point: S::Vector,
+        variance: f32,
+        prior: &S::Pose,
+        face: usize,
+    ) -> Row<S> {
+        let at = self.tangent();
+        let touch = Touch { point, point_variance: variance, ..Touch::UNSET };
+        let plane = &self.planes[face];
+        let mut row = height::<S>(&touch, &prior.retract(at), &S::transport(at), plane);
+        let first = Self::first_row(face);
+        row.residual += row.plane.dot(S::Vector::from_fn(|d| self.mean[first + d]));
+        row
+    }
+
+    /// Conditions on a point (world frame, with this variance) being inside a plane, or outside with
+    /// `side` −1, which is known but for a share `doubt` of such statements; the log probability of
+    /// that. The posterior keeps the first two moments' derivatives (assumed density; Minka 2001).
+    pub fn bound(
+        &mut self,
+        (point, variance): (S::Vector, f32),
+        prior: &S::Pose,
+        face: usize,
+        (side, doubt): (f32, f32),
+    ) -> f32 {
+        let row = self.height_row(point, variance, prior, face);
+        let height = side * row.residual;
+        let h = sparse(&row.pose, Self::first_row(face), &row.plane);
+        let total = row.noise + self.joint.variance(h);
+        if !(total > 0.0 && total.is_finite()) || (height < 0.0 && height * height > 9.0 * total) {
+            return 0.0;
+        }
+        self.joint.times(h, &mut self.gain);
+        let deviation = math::sqrt(total);
+        let (density, inside) = normal(-height / deviation);
+        let certain = 1.0 - doubt;
+        let chance = doubt + certain * inside;
+        if !(chance > 1e-12) {
+            return 0.0;
+        }
+        let slope = -certain * density / (deviation * chance);
+        let bend = certain * height * density / (total * deviation * chance) - slope * slope;
+        // What a mixture would add of doubt is left out, and no more is taken than there is.
+        let bend = math::max(math::min(bend, 0.0), -0.9 / total);
+        self.joint.nudge(&mut self.mean, &self.gain, side * slope, bend);
+        math::ln(chance)
+    }
+
+    /// Log density of planes `a` and `b` being the same, `None` when they are more than 20° apart.
+    pub fn coincidence(&self, a: usize, b: usize) -> Option<f32> {
+        let [first, second] = [a, b].map(Self::first_row);
+        let displaced = |face: usize, first: usize| {
+            self.planes[face].displaced(&self.mean[first..first + S::DIMENSION])
+        };
+        let rows = between::<S>(&displaced(a, first), &displaced(b, second))?;
+        let (mut s, mut e) = ([[0.0; 3]; 3], [0.0; 3]);
+        for (k, (apart, of_a, of_b)) in rows.iter().enumerate().take(S::DIMENSION) {
+            e[k] = *apart;
+            for (l, (_, a_too, b_too)) in rows.iter().enumerate().take(S::DIMENSION) {
+                for i in 0..S::DIMENSION {
+                    for j in 0..S::DIMENSION {
+                        s[k][l] += of_a[i] * a_too[j] * self.joint.at(first + i, first + j)
+                            + of_b[i] * b_too[j] * self.joint.at(second + i, second + j)
+                            + of_a[i] * b_too[j] * self.joint.at(first + i, second + j)
+                            + of_b[i] * a_too[j] * self.joint.at(second + i, first + j);
+                    }
+                }
+            }
+            s[k][k] += SAME[usize::from(k + 1 == S::DIMENSION)];
+        }
+        let (x, log_determinant) = solve(&s, &e, S::DIMENSION)?;
+        let squared: f32 = (0..S::DIMENSION).map(|k| e[k] * x[k]).sum();
+        let density = -0.5 * (squared + log_determinant + S::DIMENSION as f32 * LOG_TAU);
+        density.is_finite().then_some(density)
+    }
+
+    /// Conditions on planes `a` and `b` being the same, linearised at the planes themselves: the mean
+    /// must be zero.
+    pub fn join(&mut self, a: usize, b: usize) {
+        let [first, second] = [a, b].map(Self::first_row);
+        let Some(rows) = between::<S>(&self.planes[a], &self.planes[b]) else { return };
+        for (k, (apart, of_a, of_b)) in rows.iter().enumerate().take(S::DIMENSION) {
+            let h = Sparse([(first, of_a.as_slice()), (second, of_b.as_slice())]);
+            let noise = SAME[usize::from(k + 1 == S::DIMENSION)];
+            self.joint.observe(&mut self.mean, &mut self.gain, h, (-apart, noise));
+        }
+    }
+}
+
+const LOG_TAU: f32 = 1.837_877_1;
+
+/// Variances with which planes are made equal: of normals (radians²) and offsets (square metres).
+/// Small beside what contacts tell, large beside rounding.
+const SAME: [f32; 2] = [1e-6, 1e-9];
+
+/// How far plane `q` is from `p` along each coordinate of `p`, and the derivatives of that by the
+/// coordinates of both.
+#[allow(clippy::type_complexity)]
+fn between<S: Chart>(
+    p: &Plane<S>,
+    q: &Plane<S>,
+) -> Option<[(f32, S::Vector, S::Vector); 3]> {
+    if !(p.normal.dot(q.normal) > 0.94) {
+        return None;
+    }
+    let (axes, others) = (across::<S>(p.normal), across::<S>(q.normal));
+    let last = S::DIMENSION - 1;
+    let mut rows = [(0.0, S::Vector::ZERO, S::Vector::ZERO); 3];
+    for (k, (apart, of_p, of_q)) in rows.iter_mut().enumerate().take(S::DIMENSION) {
+        of_p[k] = -1.0;
+        if k == last {
+            *apart = q.offset - p.offset;
+            of_q[last] = 1.0;
+        } else {
+            *apart = axes[k].dot(q.normal);
+            for (d, other) in others.iter().enumerate().take(last) {
+                of_q[d] = axes[k].dot(*other);
+            }
+        }
+    }
+    Some(rows)
 }
 
 fn sparse<'a, T: Coordinates, V: Coordinates>(pose: &'a T, at: usize, plane: &'a V) -> Sparse<'a> {

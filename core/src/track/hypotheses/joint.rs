@@ -126,16 +126,36 @@ impl<const ROWS: usize, const PACKED: usize> Joint<ROWS, PACKED> {
         for (m, g) in mean.iter_mut().zip(&gain[..self.rows]) {
             *m += g * scaled;
         }
+        self.add_outer(gain, -inverse);
+        log_normal(error, total)
+    }
+
+    /// Moves the belief by the first two derivatives `slope` and `bend` (not above zero) of a log
+    /// likelihood in h·x; `gain` is P·hᵀ.
+    pub fn nudge(
+        &mut self,
+        mean: &mut [f32; ROWS],
+        gain: &[f32; ROWS],
+        slope: f32,
+        bend: f32,
+    ) {
+        for (m, g) in mean.iter_mut().zip(&gain[..self.rows]) {
+            *m += g * slope;
+        }
+        self.add_outer(gain, bend);
+    }
+
+    /// P += scale · g·gᵀ.
+    fn add_outer(&mut self, g: &[f32; ROWS], scale: f32) {
         let mut rest = &mut self.lower[..start(self.rows)];
         for i in 0..self.rows {
             let (row, later) = rest.split_at_mut(i + 1);
-            let by = gain[i] * inverse;
-            for (p, g) in row.iter_mut().zip(&gain[..=i]) {
-                *p -= by * g;
+            let by = g[i] * scale;
+            for (p, g) in row.iter_mut().zip(&g[..=i]) {
+                *p += by * g;
             }
             rest = later;
         }
-        log_normal(error, total)
     }
 
     /// Appends a variable whose covariance with the rows so far is in `covariance`, and its own.
@@ -200,4 +220,16 @@ impl<const ROWS: usize, const PACKED: usize> Joint<ROWS, PACKED> {
 pub(super) fn log_normal(error: f32, variance: f32) -> f32 {
     const LOG_TAU: f32 = 1.837_877_1;
     -0.5 * (error * error / variance + crate::math::ln(variance) + LOG_TAU)
+}
+
+/// The standard normal density at `z`, and the distribution function there (absolute error below
+/// 10⁻⁶; Abramowitz and Stegun 26.2.17).
+pub(super) fn normal(z: f32) -> (f32, f32) {
+    let density = 0.398_942_3 * crate::math::exp(-0.5 * z * z);
+    let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
+    let tail = density
+        * t
+        * (0.319_381_53
+            + t * (-0.356_563_78 + t * (1.781_477_9 + t * (-1.821_256 + t * 1.330_274_4))));
+    (density, if z < 0.0 { tail } else { 1.0 - tail })
 }

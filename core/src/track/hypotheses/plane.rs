@@ -168,7 +168,6 @@ pub(super) fn measure<S: Chart>(
 ) -> Rows<S> {
     let n = plane.normal;
     let axes = across::<S>(n);
-    let point = pose.untransform(touch.point);
     let last = S::DIMENSION - 1;
     let blank: Row<S> =
         Row { residual: 0.0, pose: S::Tangent::ZERO, plane: S::Vector::ZERO, noise: 0.0 };
@@ -188,15 +187,31 @@ pub(super) fn measure<S: Chart>(
             count += 1;
         }
     }
-    let row = &mut rows[count];
-    row.residual = plane.height(point);
-    row.pose = turned::<S>(S::lever(point, n), transport, false);
-    for (k, axis) in axes.iter().enumerate().take(last) {
-        row.plane[k] = axis.dot(point);
-    }
-    row.plane[last] = -1.0;
-    row.noise = touch.point_variance;
+    rows[count] = height(touch, pose, transport, plane);
     Rows { rows, count: count + 1 }
+}
+
+/// The last of these residuals: the distance.
+pub(super) fn height<S: Chart>(
+    touch: &Touch<S>,
+    pose: &S::Pose,
+    transport: &S::Covariance,
+    plane: &Plane<S>,
+) -> Row<S> {
+    let n = plane.normal;
+    let point = pose.untransform(touch.point);
+    let last = S::DIMENSION - 1;
+    let mut by_plane = S::Vector::ZERO;
+    for (k, axis) in across::<S>(n).iter().enumerate().take(last) {
+        by_plane[k] = axis.dot(point);
+    }
+    by_plane[last] = -1.0;
+    Row {
+        residual: plane.height(point),
+        pose: turned::<S>(S::lever(point, n), transport, false),
+        plane: by_plane,
+        noise: touch.point_variance,
+    }
 }
 
 /// −Tᵀ·lever, of its rotation alone where a direction is meant.

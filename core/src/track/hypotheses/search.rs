@@ -8,6 +8,7 @@ use crate::space::{Pose, Space};
 
 use super::chart::Chart;
 use super::hypothesis::{Hypothesis, Work};
+use super::joint::normal;
 use super::plane::{Record, Touch};
 
 /// Contacts that are explained together; a larger grasp is taken in parts.
@@ -126,23 +127,24 @@ impl<S: Space, const N: usize> Beam<S, N> {
     }
 }
 
-/// Whether a plane may be one that the object reaches beyond: what a contact beyond it costs at
-/// most (nats), by the rate at which contacts did so before (Beta–Bernoulli). A plane touched once may
-/// be no plane at all.
-fn doubt<S: Space>(record: &Record<S>) -> f32 {
-    let (prior, of) = if record.contacts > 1 { (0.1, 2.0) } else { (0.5, 2.0) };
-    math::ln((f32::from(record.tested) + of) / (f32::from(record.beyond) + prior))
+/// How often the object reaches beyond a plane that contacts lie on: on a convex object never
+/// (Beta–Bernoulli). A plane touched once may be no plane at all.
+fn rate<S: Space>(record: &Record<S>) -> f32 {
+    let prior = if record.contacts > 1 { 0.1 } else { 0.5 };
+    (f32::from(record.beyond) + prior) / (f32::from(record.tested) + 2.0)
 }
 
-/// −ln of the chance that a deviate of this size (in standard deviations, squared) is noise,
-/// roughly; at most `most`.
-fn hinge(squared: f32, most: f32) -> f32 {
-    math::min(0.4 * squared, most)
+/// Log probability that a point is on the right side: its height in metres, the variance of that,
+/// and how often such a thing is not so.
+fn allowed([height, variance]: [f32; 2], doubt: f32) -> f32 {
+    if height <= 0.0 && height * height > 9.0 * variance {
+        return 0.0;
+    }
+    math::ln(doubt + (1.0 - doubt) * normal(-height / math::sqrt(variance)).1)
 }
 
-/// What speaks against a contact where it is: that it lies beyond planes it is not on. On a convex
-/// object none does.
-pub(super) fn beyond_others<
+/// Log probability of a contact where it is: that it does not lie beyond planes it is not on.
+fn inside_others<
     S: Chart,
     const FACES: usize,
     const ROWS: usize,
@@ -152,21 +154,59 @@ pub(super) fn beyond_others<
     work: &Work<S, FACES, ROWS, PACKED>,
     prior: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>,
     touch: &Touch<S>,
-    own: Option<usize>,
 ) -> f32 {
-    let mut worst = 0.0;
-    for face in (0..prior.faces).filter(|f| Some(*f) != own) {
-        let (height, variance) = work.beyond(touch, &prior.pose, face);
-        if height > 0.0 {
-            let cost = hinge(height * height / variance, doubt(&prior.records[face]));
-            worst = math::max(worst, cost);
+    let mut least = 0.0;
+    for face in 0..prior.faces {
+        let height = work.height(touch.point, touch.point_variance, &prior.pose, face);
+        least = math::min(least, allowed(height, rate(&prior.records[face])));
+    }
+    least
+}
+
+/// Conditions `work` on what is known beside the contacts' own planes: that they lie inside the
+/// others, and that fingers which met nothing are outside; the log probability of that.
+pub(super) fn settle<
+    S: Chart,
+    const FACES: usize,
+    const ROWS: usize,
+    const PACKED: usize,
+    const GRASPS: usize,
+>(
+    work: &mut Work<S, FACES, ROWS, PACKED>,
+    prior: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>,
+    felt: &Felt<'_, S>,
+    labels: &[u8],
+    odds: &Odds,
+) -> f32 {
+    let mut score = 0.0;
+    for (touch, label) in felt.touches.iter().zip(labels).filter(|(_, l)| **l != WILD) {
+        for face in (0..prior.faces).filter(|f| *label != FACE + *f as u8) {
+            let point = (touch.point, touch.point_variance);
+            score += work.bound(point, &prior.pose, face, (1.0, rate(&prior.records[face])));
         }
     }
-    worst
+    if prior.faces <= S::DIMENSION {
+        return score;
+    }
+    let doubt = 1.0 - 0.9 * odds.whole;
+    for finger in felt.free.iter().filter(|f| f.point.is_finite()) {
+        // Outside the object is outside one of its planes: the one it is outside of most.
+        let pose = prior.pose.retract(work.tangent());
+        let point = pose.untransform(finger.point);
+        let (mut highest, mut outermost) = (f32::NEG_INFINITY, 0);
+        for (face, plane) in work.planes[..prior.faces].iter().enumerate() {
+            let height = plane.height(point);
+            if height > highest {
+                (highest, outermost) = (height, face);
+            }
+        }
+        score += work.bound((finger.point, 1e-6), &prior.pose, outermost, (-1.0, doubt));
+    }
+    score
 }
 
-/// What speaks against opening a face at a contact: that points touched before lie beyond it.
-fn cuts_off<
+/// Log probability of a face at a contact: that no point touched before lies beyond it.
+fn cuts_nothing<
     S: Chart,
     const FACES: usize,
     const ROWS: usize,
@@ -177,7 +217,7 @@ fn cuts_off<
     prior: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>,
     touch: &Touch<S>,
 ) -> f32 {
-    const MOST: f32 = 4.0;
+    const DOUBT: f32 = 0.02;
     let pose = prior.pose.retract(work.tangent());
     let normal = pose.unrotate(touch.normal);
     let point = pose.untransform(touch.point);
@@ -187,54 +227,13 @@ fn cuts_off<
     }
     shift *= 1.0 / S::DIMENSION as f32;
     turn = touch.normal_variance + turn / (S::FREEDOM - S::DIMENSION) as f32;
-    let mut worst = 0.0;
+    let mut least = 0.0;
     for (_, witness) in prior.witnesses() {
         let arm = witness - point;
-        let height = normal.dot(arm);
-        if height > 0.0 {
-            let variance = 2.0 * touch.point_variance + shift + turn * arm.norm_squared();
-            worst = math::max(worst, hinge(height * height / variance, MOST));
-        }
+        let variance = 2.0 * touch.point_variance + shift + turn * arm.norm_squared();
+        least = math::min(least, allowed([normal.dot(arm), variance], DOUBT));
     }
-    worst
-}
-
-/// What speaks against a pose: that fingers which met nothing would be inside the object. Bounded,
-/// for a concave object has room there.
-fn obstructed<
-    S: Chart,
-    const FACES: usize,
-    const ROWS: usize,
-    const PACKED: usize,
-    const GRASPS: usize,
->(
-    work: &Work<S, FACES, ROWS, PACKED>,
-    prior: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>,
-    free: &[FreePoint<S>],
-    odds: &Odds,
-) -> f32 {
-    const MOST: f32 = 2.0;
-    if prior.faces <= S::DIMENSION {
-        return 0.0;
-    }
-    let pose = prior.pose.retract(work.tangent());
-    let mut shift = 0.0;
-    for i in 0..S::DIMENSION {
-        shift += work.joint.at(i, i);
-    }
-    let variance = shift / S::DIMENSION as f32 + 2e-3 * 2e-3;
-    let mut sum = 0.0;
-    for finger in free.iter().filter(|f| f.point.is_finite()) {
-        let point = pose.untransform(finger.point);
-        let mut highest = f32::NEG_INFINITY;
-        for plane in &work.planes[..work.faces] {
-            highest = math::max(highest, plane.height(point));
-        }
-        if highest < 0.0 {
-            sum += hinge(highest * highest / variance, MOST);
-        }
-    }
-    odds.whole * sum
+    least
 }
 
 /// Conditions `work` on contacts as `labels` say, linearised at the tangent `at`; the log evidence.
@@ -369,8 +368,8 @@ impl<S: Chart> Search<S> {
         let mut opens = f32::NEG_INFINITY;
         if touch.directed && work.faces < FACES {
             opens = odds.opens
-                - cuts_off(work, prior, touch)
-                - beyond_others(work, prior, touch, None);
+                + cuts_nothing(work, prior, touch)
+                + inside_others(work, prior, touch);
         }
         let (label, density) = if opens > wild { (OPENS, opens) } else { (WILD, wild) };
         self.next.offer(child(label, tangent, density), width);
@@ -396,7 +395,7 @@ impl<S: Chart> Search<S> {
             known: 0,
             opened: 0,
             wild: 0,
-            pose: prior.pose.retract(work.tangent()),
+            pose: prior.pose,
         };
         for (touch, &label) in felt.touches.iter().zip(labels) {
             match label {
@@ -405,19 +404,20 @@ impl<S: Chart> Search<S> {
                     score += odds.of_wild(touch);
                 }
                 OPENS => {
+                    let face = prior.faces + usize::from(leaf.opened);
+                    // A face that would be joined with another at once need not be opened.
+                    let doubled = (0..face).filter_map(|other| work.coincidence(other, face));
+                    if doubled.into_iter().any(|density| density > odds.opens) {
+                        return;
+                    }
                     leaf.opened += 1;
-                    score += odds.opens
-                        - cuts_off(work, prior, touch)
-                        - beyond_others(work, prior, touch, None);
+                    score += odds.opens + cuts_nothing(work, prior, touch);
                 }
-                face => {
-                    let face = usize::from(face - FACE);
-                    leaf.known += u8::from(face < prior.faces);
-                    score -= beyond_others(work, prior, touch, Some(face));
-                }
+                face => leaf.known += u8::from(usize::from(face - FACE) < prior.faces),
             }
         }
-        score -= obstructed(work, prior, felt.free, odds);
+        score += settle(work, prior, felt, labels, odds);
+        leaf.pose = prior.pose.retract(work.tangent());
         leaf.node.score = prior.weight + score;
         self.keep(leaf);
     }
