@@ -222,7 +222,7 @@ impl<
                     variance: best.joint.variance(Sparse([(first, height.as_slice()), (0, &[])])),
                     normal_variance,
                     contacts: record.contacts,
-                    reentrant: record.beyond > 1,
+                    reentrant: record.is_reentrant(),
                 }
             })
         })
@@ -436,6 +436,10 @@ impl<
             if let Some(record) = hypothesis.records.get_mut(face) {
                 record.touch(point);
             }
+        }
+        let concave = hypothesis.is_concave();
+        for record in &mut hypothesis.records[..hypothesis.faces] {
+            record.judge(concave);
         }
         hypothesis.weight = leaf.node.score;
         self.merge(slot, &odds);

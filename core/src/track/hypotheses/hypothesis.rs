@@ -166,6 +166,11 @@ impl<
         })
     }
 
+    /// Whether contacts showed a concavity.
+    pub fn is_concave(&self) -> bool {
+        self.records[..self.faces].iter().any(Record::is_reentrant)
+    }
+
     /// How much room is left for planes not yet touched, radians (steradians) × metres: over all
     /// directions from the middle, the gap between the planes and the points that were touched.
     /// Nothing lies further than `reach` (metres) from the middle.
@@ -452,8 +457,8 @@ impl<S: Chart, const FACES: usize, const ROWS: usize, const PACKED: usize>
     }
 
     /// Conditions on a point (world frame, with this variance) being inside a plane, or outside with
-    /// `side` −1, which is known but for a share `doubt` of such statements; the log probability of
-    /// that. The posterior keeps the first two moments' derivatives (assumed density; Minka 2001).
+    /// `side` −1, which is wrong in a share `doubt` of such statements (at most a half); the log
+    /// probability of that. The posterior keeps the first two moments' derivatives (assumed density; Minka 2001).
     pub fn bound(
         &mut self,
         (point, variance): (S::Vector, f32),
@@ -471,7 +476,7 @@ impl<S: Chart, const FACES: usize, const ROWS: usize, const PACKED: usize>
         self.joint.times(h, &mut self.gain);
         let deviation = math::sqrt(total);
         let (density, inside) = normal(-height / deviation);
-        let certain = 1.0 - doubt;
+        let certain = 1.0 - 2.0 * doubt;
         let chance = doubt + certain * inside;
         if !(chance > 1e-12) {
             return 0.0;

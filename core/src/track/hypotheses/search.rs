@@ -127,20 +127,13 @@ impl<S: Space, const N: usize> Beam<S, N> {
     }
 }
 
-/// How often the object reaches beyond a plane that contacts lie on: on a convex object never
-/// (Beta–Bernoulli). A plane touched once may be no plane at all.
-fn rate<S: Space>(record: &Record<S>) -> f32 {
-    let prior = if record.contacts > 1 { 0.1 } else { 0.5 };
-    (f32::from(record.beyond) + prior) / (f32::from(record.tested) + 2.0)
-}
-
 /// Log probability that a point is on the right side: its height in metres, the variance of that,
 /// and how often such a thing is not so.
 fn allowed([height, variance]: [f32; 2], doubt: f32) -> f32 {
     if height <= 0.0 && height * height > 9.0 * variance {
         return 0.0;
     }
-    math::ln(doubt + (1.0 - doubt) * normal(-height / math::sqrt(variance)).1)
+    math::ln(doubt + (1.0 - 2.0 * doubt) * normal(-height / math::sqrt(variance)).1)
 }
 
 /// Log probability of a contact where it is: that it does not lie beyond planes it is not on.
@@ -158,7 +151,7 @@ fn inside_others<
     let mut least = 0.0;
     for face in 0..prior.faces {
         let height = work.height(touch.point, touch.point_variance, &prior.pose, face);
-        least = math::min(least, allowed(height, rate(&prior.records[face])));
+        least = math::min(least, allowed(height, prior.records[face].doubt));
     }
     least
 }
@@ -182,13 +175,13 @@ pub(super) fn settle<
     for (touch, label) in felt.touches.iter().zip(labels).filter(|(_, l)| **l != WILD) {
         for face in (0..prior.faces).filter(|f| *label != FACE + *f as u8) {
             let point = (touch.point, touch.point_variance);
-            score += work.bound(point, &prior.pose, face, (1.0, rate(&prior.records[face])));
+            score += work.bound(point, &prior.pose, face, (1.0, prior.records[face].doubt));
         }
     }
     if prior.faces <= S::DIMENSION {
         return score;
     }
-    let doubt = 1.0 - 0.9 * odds.whole;
+    let doubt = 0.5 - 0.45 * odds.whole;
     for finger in felt.free.iter().filter(|f| f.point.is_finite()) {
         // Outside the object is outside one of its planes: the one it is outside of most.
         let pose = prior.pose.retract(work.tangent());
@@ -217,7 +210,7 @@ fn cuts_nothing<
     prior: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>,
     touch: &Touch<S>,
 ) -> f32 {
-    const DOUBT: f32 = 0.02;
+    let doubt = if prior.is_concave() { 0.2 } else { 0.02 };
     let pose = prior.pose.retract(work.tangent());
     let normal = pose.unrotate(touch.normal);
     let point = pose.untransform(touch.point);
@@ -231,7 +224,7 @@ fn cuts_nothing<
     for (_, witness) in prior.witnesses() {
         let arm = witness - point;
         let variance = 2.0 * touch.point_variance + shift + turn * arm.norm_squared();
-        least = math::min(least, allowed([normal.dot(arm), variance], DOUBT));
+        least = math::min(least, allowed([normal.dot(arm), variance], doubt));
     }
     least
 }
