@@ -24,6 +24,11 @@ mod joint;
 mod plane;
 mod search;
 
+#[cfg(test)]
+mod joint_tests;
+#[cfg(test)]
+mod tests;
+
 pub use chart::Chart;
 
 use crate::contact::{Contact, FreePoint, GraspView};
@@ -271,8 +276,8 @@ impl<
         // Unknown motion is taken for rest with twice the noise.
         let factor = if motion.is_some() { 1.0 } else { 2.0 };
         let noise = self.settings.motion;
-        let variances =
-            [noise.translation, noise.rotation].map(|deviation| factor * deviation * factor * deviation);
+        let variances = [noise.translation, noise.rotation]
+            .map(|deviation| factor * deviation * factor * deviation);
         for slot in self.order[..self.count].iter().map(|i| usize::from(*i)) {
             let hypothesis = &mut self.slots[slot];
             if let Some(motion) = motion {
@@ -330,7 +335,8 @@ impl<
         };
         let (known, wild) = (usize::from(best.known), usize::from(best.wild));
         let mapped = self.best().is_some_and(|b| b.faces > S::DIMENSION);
-        let nowhere = if lost { known < S::DIMENSION + 1 || 3 * wild > count } else { 2 * wild > count };
+        let nowhere =
+            if lost { known < S::DIMENSION + 1 || 3 * wild > count } else { 2 * wild > count };
         if mapped && nowhere {
             return Outcome { lost: true, ..Outcome::default() };
         }
@@ -349,7 +355,9 @@ impl<
             if kept == K || leaf.node.score < best - Self::FORLORN {
                 break;
             }
-            let same = chosen[..kept].iter().any(|c| self.same(&self.search.leaves()[usize::from(*c)], leaf));
+            let same = chosen[..kept]
+                .iter()
+                .any(|c| self.same(&self.search.leaves()[usize::from(*c)], leaf));
             if !same {
                 chosen[kept] = number as u8;
                 kept += 1;
@@ -601,9 +609,9 @@ fn alike<
     b: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>,
 ) -> bool {
     a.planes[..a.faces].iter().all(|p| {
-        b.planes[..b.faces].iter().any(|q| {
-            p.normal.dot(q.normal) > 0.998 && (p.offset - q.offset).abs() < 2e-3
-        })
+        b.planes[..b.faces]
+            .iter()
+            .any(|q| p.normal.dot(q.normal) > 0.998 && (p.offset - q.offset).abs() < 2e-3)
     })
 }
 
@@ -700,9 +708,8 @@ impl<
         if GRASPS == 0 || age == 0 || age as usize > GRASPS {
             return None;
         }
-        let past = |grasp: u32| -> Option<&Past<S>> {
-            self.best()?.past.get(grasp as usize % GRASPS)
-        };
+        let past =
+            |grasp: u32| -> Option<&Past<S>> { self.best()?.past.get(grasp as usize % GRASPS) };
         let mut pose = past(self.grasps - 1)?.pose;
         for earlier in (grasp..self.grasps - 1).rev() {
             pose = past(earlier)?.smoothed(past(earlier + 1)?, &pose);

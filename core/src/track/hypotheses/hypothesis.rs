@@ -92,13 +92,8 @@ pub(super) struct Hypothesis<
     pub past: [Past<S>; GRASPS],
 }
 
-impl<
-    S: Chart,
-    const FACES: usize,
-    const ROWS: usize,
-    const PACKED: usize,
-    const GRASPS: usize,
-> Hypothesis<S, FACES, ROWS, PACKED, GRASPS>
+impl<S: Chart, const FACES: usize, const ROWS: usize, const PACKED: usize, const GRASPS: usize>
+    Hypothesis<S, FACES, ROWS, PACKED, GRASPS>
 {
     const ROWS_AGREE: () = assert!(
         ROWS == S::FREEDOM + S::DIMENSION * FACES && FACES < 64,
@@ -289,7 +284,13 @@ impl<S: Chart, const FACES: usize, const ROWS: usize, const PACKED: usize>
 
     /// Conditions on a contact on a plane, linearised at the prior pose retracted by `at`; its log
     /// density.
-    pub fn observe(&mut self, touch: &Touch<S>, prior: &S::Pose, at: S::Tangent, face: usize) -> f32 {
+    pub fn observe(
+        &mut self,
+        touch: &Touch<S>,
+        prior: &S::Pose,
+        at: S::Tangent,
+        face: usize,
+    ) -> f32 {
         let pose = prior.retract(at);
         let rows = measure::<S>(touch, &pose, &S::transport(at), &self.planes[face]);
         let mut density = 0.0;
@@ -433,20 +434,20 @@ impl<S: Chart, const FACES: usize, const ROWS: usize, const PACKED: usize>
     }
 
     /// Height of a point (world frame, with this variance) above a plane, metres, and its variance.
-    pub fn height(&self, point: S::Vector, variance: f32, prior: &S::Pose, face: usize) -> [f32; 2] {
+    pub fn height(
+        &self,
+        point: S::Vector,
+        variance: f32,
+        prior: &S::Pose,
+        face: usize,
+    ) -> [f32; 2] {
         let row = self.height_row(point, variance, prior, face);
         let h = sparse(&row.pose, Self::first_row(face), &row.plane);
         [row.residual, row.noise + self.joint.variance(h)]
     }
 
     /// The height of a point, linearised at the mean; the residual is the mean height.
-    fn height_row(
-        &self,
-        point: S::Vector,
-        variance: f32,
-        prior: &S::Pose,
-        face: usize,
-    ) -> Row<S> {
+    fn height_row(&self, point: S::Vector, variance: f32, prior: &S::Pose, face: usize) -> Row<S> {
         let at = self.tangent();
         let touch = Touch { point, point_variance: variance, ..Touch::UNSET };
         let plane = &self.planes[face];
@@ -539,10 +540,7 @@ const SAME: [f32; 2] = [1e-6, 1e-9];
 /// How far plane `q` is from `p` along each coordinate of `p`, and the derivatives of that by the
 /// coordinates of both.
 #[allow(clippy::type_complexity)]
-fn between<S: Chart>(
-    p: &Plane<S>,
-    q: &Plane<S>,
-) -> Option<[(f32, S::Vector, S::Vector); 3]> {
+fn between<S: Chart>(p: &Plane<S>, q: &Plane<S>) -> Option<[(f32, S::Vector, S::Vector); 3]> {
     if !(p.normal.dot(q.normal) > 0.94) {
         return None;
     }

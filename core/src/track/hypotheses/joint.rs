@@ -132,13 +132,7 @@ impl<const ROWS: usize, const PACKED: usize> Joint<ROWS, PACKED> {
 
     /// Moves the belief by the first two derivatives `slope` and `bend` (not above zero) of a log
     /// likelihood in h·x; `gain` is P·hᵀ.
-    pub fn nudge(
-        &mut self,
-        mean: &mut [f32; ROWS],
-        gain: &[f32; ROWS],
-        slope: f32,
-        bend: f32,
-    ) {
+    pub fn nudge(&mut self, mean: &mut [f32; ROWS], gain: &[f32; ROWS], slope: f32, bend: f32) {
         for (m, g) in mean.iter_mut().zip(&gain[..self.rows]) {
             *m += g * slope;
         }

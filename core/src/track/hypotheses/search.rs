@@ -9,7 +9,7 @@ use crate::space::{Pose, Space};
 use super::chart::Chart;
 use super::hypothesis::{Hypothesis, Work};
 use super::joint::normal;
-use super::plane::{Record, Touch};
+use super::plane::Touch;
 
 /// Contacts that are explained together; a larger grasp is taken in parts.
 pub(super) const TOUCHES: usize = 16;
@@ -36,8 +36,7 @@ pub(super) struct Node<S: Space> {
 }
 
 impl<S: Space> Node<S> {
-    pub const UNSET: Self =
-        Node { labels: [WILD; TOUCHES], tangent: S::Tangent::ZERO, score: 0.0 };
+    pub const UNSET: Self = Node { labels: [WILD; TOUCHES], tangent: S::Tangent::ZERO, score: 0.0 };
 }
 
 /// An answer for a whole grasp.
@@ -360,9 +359,8 @@ impl<S: Chart> Search<S> {
         let wild = odds.of_wild(touch);
         let mut opens = f32::NEG_INFINITY;
         if touch.directed && work.faces < FACES {
-            opens = odds.opens
-                + cuts_nothing(work, prior, touch)
-                + inside_others(work, prior, touch);
+            opens =
+                odds.opens + cuts_nothing(work, prior, touch) + inside_others(work, prior, touch);
         }
         let (label, density) = if opens > wild { (OPENS, opens) } else { (WILD, wild) };
         self.next.offer(child(label, tangent, density), width);
@@ -382,14 +380,8 @@ impl<S: Chart> Search<S> {
         replay(work, prior, felt, labels, node.tangent);
         node.tangent = work.tangent();
         let mut score = replay(work, prior, felt, labels, node.tangent);
-        let mut leaf = Leaf {
-            node,
-            parent: parent as u8,
-            known: 0,
-            opened: 0,
-            wild: 0,
-            pose: prior.pose,
-        };
+        let mut leaf =
+            Leaf { node, parent: parent as u8, known: 0, opened: 0, wild: 0, pose: prior.pose };
         for (touch, &label) in felt.touches.iter().zip(labels) {
             match label {
                 WILD => {
