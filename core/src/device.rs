@@ -8,16 +8,16 @@ use core::marker::PhantomData;
 use heapless::Vec;
 
 use crate::contact::Grasp;
-use crate::surface::Face;
 use crate::track::{Modes, MotionNoise, Tracker};
 use crate::wire::{
-    Arrival, BoardKind, Clock, Command, Decoder, EstimateFrame, FaceFrame, Frame, FrameError,
-    Health, Hello, MAX_FRAME, ModeFrame, PROTOCOL, Received, Refusal, Reply, Report, Settings,
-    Topic, TrackerKind, WireSpace, encode,
+    Arrival, BoardKind, Clock, Command, Decoder, EstimateFrame, FaceFrame, FaceSummary, Frame,
+    FrameError, Health, Hello, MAX_FRAME, ModeFrame, PROTOCOL, Received, Refusal, Reply, Report,
+    Settings, Topic, TrackerKind, WireSpace, encode,
 };
 
 pub use trackers::{
-    CONTACTS, PlanarDevice, PlanarMap, PlanarTracker, SpatialDevice, SpatialMap, SpatialTracker,
+    CONTACTS, PlanarDevice, PlanarHypotheses, PlanarHypothesesDevice, PlanarMap, PlanarTracker,
+    SpatialDevice, SpatialHypotheses, SpatialHypothesesDevice, SpatialMap, SpatialTracker,
 };
 
 /// What a device needs of the hardware.
@@ -64,7 +64,7 @@ pub trait Onboard<S: WireSpace>: Tracker<S> {
 
     /// Face `number` of the shape and how many there are; `None` beyond them, or where the shape has
     /// no faces.
-    fn face(&self, _number: u8) -> Option<(Face<S>, u8)> {
+    fn face(&self, _number: u8) -> Option<(FaceSummary<S>, u8)> {
         None
     }
 }

@@ -13,11 +13,11 @@ mod rescue;
 #[cfg(target_os = "none")]
 pub mod stack;
 
-/// A whole image: the device of this type and first value obeys the board's UART for ever. On a
+/// A whole image: a device of this type obeys the board's UART for ever. On a
 /// host an empty `main`.
 #[macro_export]
 macro_rules! image {
-    ($device:ident :: $start:ident) => {
+    ($device:ident) => {
         #[cfg(not(target_os = "none"))]
         fn main() {}
 
@@ -28,7 +28,7 @@ macro_rules! image {
 
             #[cortex_m_rt::entry]
             fn main() -> ! {
-                static mut DEVICE: $device = $device::$start;
+                static mut DEVICE: $device = $device::START;
                 let mut board = Selected::start();
                 loop {
                     DEVICE.run(&mut board);

@@ -72,15 +72,13 @@ impl Onboard<Planar> for Counting {
     const PARTICLES: usize = 300;
     const KIND: TrackerKind = TrackerKind::Hypotheses;
 
-    fn face(&self, number: u8) -> Option<(Face<Planar>, u8)> {
-        let face = Face {
+    fn face(&self, number: u8) -> Option<(FaceSummary<Planar>, u8)> {
+        let face = FaceSummary {
             normal: Vector([0.6, -0.8]),
-            offset: 0.02,
             centroid: Vector([0.012, -0.016]),
-            offset_variance: 4e-8,
-            covariance: [[64e-6, 48e-6, 0.0], [48e-6, 36e-6, 0.0], [0.0; 3]],
+            deviation: 2e-4,
+            tilt: 0.01,
             contacts: 7,
-            cost: 1.0,
         };
         (number < 2).then_some((face, 2))
     }
@@ -255,9 +253,9 @@ fn a_grasp_is_collected_and_answered() {
     let Report::Face(face) = rig.say(Command::Query(Topic::Face(1)))[0] else { panic!() };
     assert_eq!((face.number, face.of, face.contacts), (1, 2, 7));
     assert_eq!((face.deviation, face.tilt), (200, 100));
-    let (normal, centroid) = face.plane();
-    assert!((normal - Vector([0.6, -0.8])).norm() < 1e-4);
-    assert_eq!(centroid, Vector([0.012, -0.016]));
+    let face = face.face();
+    assert!((face.normal - Vector([0.6, -0.8])).norm() < 1e-4);
+    assert_eq!(face.centroid, Vector([0.012, -0.016]));
     for topic in [Topic::Mode(1), Topic::Face(2)] {
         let to = rig.next + 1;
         assert_eq!(rig.say(Command::Query(topic)), [refused(to, Refusal::NoSuch)]);

@@ -2,11 +2,13 @@
 //! STM32F405's memory and time. A virtual board carries the same.
 
 use super::{Device, Onboard};
+use crate::math;
 use crate::space::{Planar, Spatial};
 use crate::surface::cholesky::packed;
 use crate::surface::{Ball, Gpis, Matern32, Prior, Training};
-use crate::track::Bootstrap;
-use crate::wire::{TrackerKind, WireSpace};
+use crate::track::hypotheses::{self, Chart, Hypotheses};
+use crate::track::{Bootstrap, MotionNoise};
+use crate::wire::{FaceSummary, TrackerKind, WireSpace};
 
 /// Standard deviation of the surface about its prior ball, metres.
 const AMPLITUDE: f32 = 0.03;
@@ -30,19 +32,46 @@ pub type SpatialMap =
 pub type PlanarTracker = Bootstrap<Planar, PlanarMap, 250>;
 /// The tracker of a spatial board.
 pub type SpatialTracker = Bootstrap<Spatial, SpatialMap, 400>;
-/// A planar board.
+const PLANAR_FACES: usize = 10;
+const PLANAR_JOINT: usize = hypotheses::rows::<Planar>(PLANAR_FACES);
+const SPATIAL_FACES: usize = 10;
+const SPATIAL_JOINT: usize = hypotheses::rows::<Spatial>(SPATIAL_FACES);
+/// Grasps that a board's hypotheses remember: a board reports poses as it goes.
+const GRASPS: usize = 0;
+
+/// Four joint hypotheses of the pose and ten faces, for a planar board.
+pub type PlanarHypotheses =
+    Hypotheses<Planar, 4, PLANAR_FACES, PLANAR_JOINT, { packed(PLANAR_JOINT) }, GRASPS>;
+/// The same for a spatial board.
+pub type SpatialHypotheses =
+    Hypotheses<Spatial, 4, SPATIAL_FACES, SPATIAL_JOINT, { packed(SPATIAL_JOINT) }, GRASPS>;
+/// A planar board with a bootstrap filter.
 pub type PlanarDevice = Device<PlanarTracker, Planar, CONTACTS>;
-/// A spatial board.
+/// A spatial board with a bootstrap filter.
 pub type SpatialDevice = Device<SpatialTracker, Spatial, CONTACTS>;
+/// A planar board with hypotheses over pose and faces.
+pub type PlanarHypothesesDevice = Device<PlanarHypotheses, Planar, CONTACTS>;
+/// A spatial board with hypotheses over pose and faces.
+pub type SpatialHypothesesDevice = Device<SpatialHypotheses, Spatial, CONTACTS>;
 
 impl PlanarDevice {
-    /// A planar board that has heard nothing; all zero bits.
-    pub const PLANAR: Self = Device::new(Bootstrap::new(Gpis::new()));
+    /// A board that has heard nothing; all zero bits.
+    pub const START: Self = Device::new(Bootstrap::new(Gpis::new()));
 }
 
 impl SpatialDevice {
-    /// A spatial board that has heard nothing; all zero bits.
-    pub const SPATIAL: Self = Device::new(Bootstrap::new(Gpis::new()));
+    /// A board that has heard nothing; all zero bits.
+    pub const START: Self = Device::new(Bootstrap::new(Gpis::new()));
+}
+
+impl PlanarHypothesesDevice {
+    /// A board that has heard nothing; all zero bits.
+    pub const START: Self = Device::new(Hypotheses::new());
+}
+
+impl SpatialHypothesesDevice {
+    /// A board that has heard nothing; all zero bits.
+    pub const START: Self = Device::new(Hypotheses::new());
 }
 
 impl<S: WireSpace, const SITES: usize, const ROWS: usize, const PACKED: usize, const N: usize>
@@ -58,5 +87,43 @@ impl<S: WireSpace, const SITES: usize, const ROWS: usize, const PACKED: usize, c
             Ball::UNSET,
             Training::Normals,
         );
+    }
+}
+
+/// Partial explanations of a grasp that a board keeps.
+const BEAM: u8 = 8;
+
+impl<
+    S: WireSpace + Chart,
+    const K: usize,
+    const FACES: usize,
+    const ROWS: usize,
+    const PACKED: usize,
+    const GRASPS: usize,
+> Onboard<S> for Hypotheses<S, K, FACES, ROWS, PACKED, GRASPS>
+{
+    /// Faces: contacts are not kept.
+    const MAP: usize = FACES;
+    const PARTICLES: usize = K;
+    const KIND: TrackerKind = TrackerKind::Hypotheses;
+
+    fn prepare(&mut self) {
+        self.configure(hypotheses::Settings {
+            motion: MotionNoise::THESIS,
+            beam: BEAM,
+            ..hypotheses::Settings::DEFAULT
+        });
+    }
+
+    fn face(&self, number: u8) -> Option<(FaceSummary<S>, u8)> {
+        let face = self.faces().nth(number.into())?;
+        let summary = FaceSummary {
+            normal: face.normal,
+            centroid: face.centre,
+            deviation: math::sqrt(math::max(face.variance, 0.0)),
+            tilt: math::sqrt(math::max(face.normal_variance, 0.0)),
+            contacts: face.contacts,
+        };
+        Some((summary, self.faces().count() as u8))
     }
 }

@@ -1,6 +1,7 @@
 //! From grasps to a belief over the object's pose, and the shape it implies.
 
 pub mod bootstrap;
+pub mod hypotheses;
 pub mod likelihood;
 pub mod modes;
 pub mod motion;
@@ -8,6 +9,7 @@ pub mod observability;
 pub mod particles;
 
 pub use bootstrap::{Bootstrap, Gate, Settings};
+pub use hypotheses::Hypotheses;
 pub use modes::{Mode, Modes, Separation};
 pub use motion::MotionNoise;
 pub use observability::Observability;

@@ -8,7 +8,6 @@ use super::quantity::{Clock, Fraction, WireSpace, nearest};
 use crate::contact::{Contact, FreePoint};
 use crate::math;
 use crate::matrix::{Coordinates, Square};
-use crate::surface::Face;
 use crate::track;
 
 /// Version of the protocol. It changes whenever a golden vector changes.
@@ -416,6 +415,21 @@ impl<S: WireSpace> ModeFrame<S> {
     }
 }
 
+/// What a board says of a face, in the object frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FaceSummary<S: WireSpace> {
+    /// Unit, out of the object.
+    pub normal: S::Vector,
+    /// A point on the face, near the middle of its contacts, metres.
+    pub centroid: S::Vector,
+    /// Standard deviation along the normal there, metres.
+    pub deviation: f32,
+    /// Standard deviation of the normal, radians per axis.
+    pub tilt: f32,
+    /// Contacts it was fitted to.
+    pub contacts: u16,
+}
+
 /// One face of the object, in the object frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "")]
@@ -437,11 +451,8 @@ pub struct FaceFrame<S: WireSpace> {
 }
 
 impl<S: WireSpace> FaceFrame<S> {
-    /// Packs a face of so many.
-    pub fn new(face: &Face<S>, number: u8, of: u8) -> Self {
-        let trace: f32 = (0..S::DIMENSION).map(|i| face.covariance[i][i]).sum();
-        let tilt = math::sqrt((trace / (S::DIMENSION - 1) as f32).max(0.0));
-        let deviation = math::sqrt(face.offset_variance.max(0.0));
+    /// Packs face `number` of so many.
+    pub fn new(face: &FaceSummary<S>, number: u8, of: u8) -> Self {
         let counted = |v: f32| nearest(v).clamp(0, u16::MAX.into()) as u16;
         FaceFrame {
             number,
@@ -449,14 +460,20 @@ impl<S: WireSpace> FaceFrame<S> {
             contacts: face.contacts,
             normal: S::pack_normal(face.normal),
             centroid: S::pack_point(face.centroid),
-            deviation: counted(deviation * 1e6),
-            tilt: counted(tilt * 1e4),
+            deviation: counted(face.deviation * 1e6),
+            tilt: counted(face.tilt * 1e4),
         }
     }
 
-    /// Normal (unit), and a point on the face (metres).
-    pub fn plane(&self) -> (S::Vector, S::Vector) {
-        (S::unpack_normal(self.normal), S::unpack_point(self.centroid))
+    /// The face.
+    pub fn face(&self) -> FaceSummary<S> {
+        FaceSummary {
+            normal: S::unpack_normal(self.normal),
+            centroid: S::unpack_point(self.centroid),
+            deviation: f32::from(self.deviation) * 1e-6,
+            tilt: f32::from(self.tilt) * 1e-4,
+            contacts: self.contacts,
+        }
     }
 }
 

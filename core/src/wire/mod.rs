@@ -66,7 +66,8 @@ pub use codec::{
     Arrival, Counters, Decoder, EncodeError, FrameError, MAX_FRAME, Received, encode, seal, unseal,
 };
 pub use frame::{
-    BoardKind, Command, ContactFrame, EstimateFrame, FaceFrame, Frame, FreeFrame, Health, Hello,
-    ModeFrame, MotionFrame, PROTOCOL, Refusal, Reply, Report, Settings, Topic, TrackerKind,
+    BoardKind, Command, ContactFrame, EstimateFrame, FaceFrame, FaceSummary, Frame, FreeFrame,
+    Health, Hello, ModeFrame, MotionFrame, PROTOCOL, Refusal, Reply, Report, Settings, Topic,
+    TrackerKind,
 };
 pub use quantity::{Clock, Field, Fraction, WireSpace};

@@ -1,4 +1,4 @@
 //! A board that tracks in the plane with a bootstrap filter: frames in, frames out, for ever.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
-tactile_firmware::image!(PlanarDevice::PLANAR);
+tactile_firmware::image!(PlanarDevice);

@@ -98,8 +98,12 @@ impl Machine {
 }
 
 /// Every image with a tracker: its name, the dimension and how it follows the object.
-pub const IMAGES: [(&str, usize, TrackerKind); 2] =
-    [("planar", 2, TrackerKind::Bootstrap), ("spatial", 3, TrackerKind::Bootstrap)];
+pub const IMAGES: [(&str, usize, TrackerKind); 4] = [
+    ("planar", 2, TrackerKind::Bootstrap),
+    ("spatial", 3, TrackerKind::Bootstrap),
+    ("planar-hypotheses", 2, TrackerKind::Hypotheses),
+    ("spatial-hypotheses", 3, TrackerKind::Hypotheses),
+];
 
 /// The image that follows objects so in this many dimensions; `None` where there is none.
 pub fn image_for(dimension: usize, tracker: TrackerKind) -> Option<&'static str> {

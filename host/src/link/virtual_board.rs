@@ -4,7 +4,10 @@ use std::collections::VecDeque;
 use std::io;
 use std::time::{Duration, Instant};
 
-use tactile_core::device::{Board, Device, Onboard, PlanarDevice, SpatialDevice, Vitals};
+use tactile_core::device::{
+    Board, Device, Onboard, PlanarDevice, PlanarHypothesesDevice, SpatialDevice,
+    SpatialHypothesesDevice, Vitals,
+};
 use tactile_core::wire::{BoardKind, TrackerKind, WireSpace};
 
 use super::Link;
@@ -55,8 +58,10 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> VirtualBoard<T, S, CONT
 /// there is no such image.
 pub fn start(dimension: usize, tracker: TrackerKind) -> Option<Box<dyn Link>> {
     match (dimension, tracker) {
-        (2, TrackerKind::Bootstrap) => on(PlanarDevice::PLANAR),
-        (3, TrackerKind::Bootstrap) => on(SpatialDevice::SPATIAL),
+        (2, TrackerKind::Bootstrap) => on(PlanarDevice::START),
+        (3, TrackerKind::Bootstrap) => on(SpatialDevice::START),
+        (2, TrackerKind::Hypotheses) => on(PlanarHypothesesDevice::START),
+        (3, TrackerKind::Hypotheses) => on(SpatialHypothesesDevice::START),
         _ => None,
     }
 }

@@ -6,6 +6,7 @@ use tactile_core::matrix::Square;
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::surface::cholesky::packed;
 use tactile_core::surface::{Ball, Gpis, Matern32, Prior, Training};
+use tactile_core::track::hypotheses::{self, Hypotheses};
 use tactile_core::track::{Bootstrap, Estimate, MotionNoise, Settings, Status, Tracker};
 use tactile_core::wire::TrackerKind;
 
@@ -29,6 +30,19 @@ type PlanarMap =
     Gpis<Planar, Matern32, Ball<Planar>, CONTACTS, { 3 * CONTACTS }, { packed(3 * CONTACTS) }>;
 type SpatialMap =
     Gpis<Spatial, Matern32, Ball<Spatial>, CONTACTS, { 4 * CONTACTS }, { packed(4 * CONTACTS) }>;
+
+/// Hypotheses of the host, the faces of each, and the grasps that each remembers.
+const HYPOTHESES: usize = 12;
+const FACES: usize = 20;
+const GRASPS: usize = 128;
+
+const PLANAR_ROWS: usize = hypotheses::rows::<Planar>(FACES);
+const SPATIAL_ROWS: usize = hypotheses::rows::<Spatial>(FACES);
+
+type PlanarHypotheses =
+    Hypotheses<Planar, HYPOTHESES, FACES, PLANAR_ROWS, { packed(PLANAR_ROWS) }, GRASPS>;
+type SpatialHypotheses =
+    Hypotheses<Spatial, HYPOTHESES, FACES, SPATIAL_ROWS, { packed(SPATIAL_ROWS) }, GRASPS>;
 
 /// What is known of the object after one grasp.
 #[derive(Clone, Debug, PartialEq)]
@@ -106,6 +120,8 @@ pub fn six_by_six<S: Bridge>(core: &S::Covariance) -> Matrix6<f64> {
 pub enum Kind {
     /// Bootstrap particle filter over one shared map (thesis 3.3.1, corrected)
     Bootstrap,
+    /// Multi-hypothesis iterated Kalman filter over pose and faces
+    Hypotheses,
 }
 
 impl Kind {
@@ -113,6 +129,7 @@ impl Kind {
     pub fn name(self) -> &'static str {
         match self {
             Kind::Bootstrap => "bootstrap",
+            Kind::Hypotheses => "hypotheses",
         }
     }
 
@@ -120,6 +137,7 @@ impl Kind {
     pub fn on_board(self) -> Option<TrackerKind> {
         match self {
             Kind::Bootstrap => Some(TrackerKind::Bootstrap),
+            Kind::Hypotheses => Some(TrackerKind::Hypotheses),
         }
     }
 
@@ -128,6 +146,7 @@ impl Kind {
     pub fn follow(self, log: &GraspLog, seed: u64) -> Vec<Step> {
         match self {
             Kind::Bootstrap => bootstrap(log, &settings(log, seed)),
+            Kind::Hypotheses => several_hypotheses(log, settings(log, seed).motion),
         }
     }
 }
@@ -165,6 +184,21 @@ pub fn bootstrap(log: &GraspLog, settings: &Settings) -> Vec<Step> {
             Box::new(Bootstrap::<Spatial, SpatialMap, SPATIAL_PARTICLES>::new(SpatialMap::new()));
         tracker.map_mut().configure(KERNEL, Ball::UNSET, Training::Normals);
         tracker.configure(*settings);
+        follow(&mut *tracker, log)
+    }
+}
+
+/// Follows the object through the log with joint hypotheses of pose and faces: one step per grasp, the
+/// same on every machine.
+pub fn several_hypotheses(log: &GraspLog, motion: MotionNoise) -> Vec<Step> {
+    let settings = hypotheses::Settings { motion, ..hypotheses::Settings::DEFAULT };
+    if log.dimension == 2 {
+        let mut tracker = Box::new(PlanarHypotheses::new());
+        tracker.configure(settings);
+        follow(&mut *tracker, log)
+    } else {
+        let mut tracker = Box::new(SpatialHypotheses::new());
+        tracker.configure(settings);
         follow(&mut *tracker, log)
     }
 }

@@ -8,7 +8,6 @@ use super::super::*;
 use crate::contact::{Contact, FreePoint};
 use crate::matrix::{Coordinates, Matrix, Vector};
 use crate::space::{Planar, PlanarPose, Pose, Spatial, SpatialPose};
-use crate::surface::Face;
 use crate::track::{Estimate, Mode, Modes, Observability, Status};
 
 fn wire<M: serde::Serialize>(sequence: u8, time: u32, message: M) -> Vec<u8> {
@@ -94,15 +93,13 @@ fn planar_estimate(grasp: u32) -> Estimate<Planar> {
     }
 }
 
-fn face() -> Face<Spatial> {
-    Face {
+fn face() -> FaceSummary<Spatial> {
+    FaceSummary {
         normal: Vector([0.0, 0.6, 0.8]),
-        offset: 0.05,
         centroid: Vector([0.01, 0.03, 0.04]),
-        offset_variance: 1e-8,
-        covariance: [[1e-6, 0.0, 0.0], [0.0, 0.64e-6, -0.48e-6], [0.0, -0.48e-6, 0.36e-6]],
+        deviation: 1e-4,
+        tilt: 1e-3,
         contacts: 12,
-        cost: 3.0,
     }
 }
 
