@@ -48,38 +48,15 @@ impl<S: Space, const N: usize> Particles<S, N> {
     /// corrected: earlier weights count). `None` marks a pose as impossible. When all are
     /// impossible nothing changes and the answer is false.
     pub fn weigh(&mut self, mut log_likelihood: impl FnMut(&S::Pose) -> Option<f32>) -> bool {
-        let mut greatest = f32::NEG_INFINITY;
-        for ((pose, weight), log) in self.poses.iter().zip(&self.weights).zip(&mut self.scratch) {
-            *log = match log_likelihood(pose) {
-                Some(l) if l.is_finite() => l + math::ln(*weight),
-                _ => f32::NEG_INFINITY,
-            };
-            greatest = greatest.max(*log);
+        for (pose, log) in self.poses.iter().zip(&mut self.scratch) {
+            *log = log_likelihood(pose).unwrap_or(f32::NEG_INFINITY);
         }
-        if greatest == f32::NEG_INFINITY {
-            return false;
-        }
-        let mut total = 0.0;
-        for (weight, log) in self.weights.iter_mut().zip(&self.scratch) {
-            let below = log - greatest;
-            // e⁻⁸⁰ of the heaviest is nothing, and `exp` never reaches zero by itself.
-            *weight = if below > -80.0 { math::exp(below) } else { 0.0 };
-            total += *weight;
-        }
-        let scale = 1.0 / total;
-        for weight in &mut self.weights {
-            *weight *= scale;
-        }
-        true
+        multiply(&mut self.weights, &mut self.scratch)
     }
 
     /// Effective number of particles 1/Σw², from 1 to `N`.
     pub fn effective(&self) -> f32 {
-        let mut sum = 0.0;
-        for w in &self.weights {
-            sum += w * w;
-        }
-        1.0 / sum
+        effective(&self.weights)
     }
 
     /// Weighted mean on the manifold and covariance in its tangent coordinates.
@@ -97,41 +74,91 @@ impl<S: Space, const N: usize> Particles<S, N> {
     /// Systematic resampling in place: every particle gets as many children as its weight earns,
     /// ±1, and equal weights follow.
     pub fn resample(&mut self, random: &mut Random) {
-        let count = N as f32;
-        let mut comb = random.uniform();
-        let mut cumulative = 0.0;
-        let mut drawn = 0;
-        for (weight, children) in self.weights.iter().zip(&mut self.scratch) {
-            cumulative += weight * count;
-            *children = 0.0;
-            while comb <= cumulative && drawn < N {
-                *children += 1.0;
-                comb += 1.0;
-                drawn += 1;
-            }
-        }
-        // Rounding may leave the last teeth of the comb beyond the sum: they are the last's.
-        if drawn < N
-            && let Some(last) = self.scratch.iter().rposition(|&children| children > 0.0)
-        {
-            self.scratch[last] += (N - drawn) as f32;
-        }
-        let mut vacant = 0;
-        for parent in 0..N {
-            while self.scratch[parent] > 1.0 {
-                while vacant < N && self.scratch[vacant] != 0.0 {
-                    vacant += 1;
-                }
-                if vacant == N {
-                    break;
-                }
-                self.poses[vacant] = self.poses[parent];
-                self.scratch[vacant] = 1.0;
-                self.scratch[parent] -= 1.0;
-            }
-        }
-        self.weights.fill(1.0 / count);
+        let poses = &mut self.poses;
+        resample(&mut self.weights, &mut self.scratch, random, |from, to| poses[to] = poses[from]);
     }
+}
+
+/// Multiplies every weight by the exponential of its logarithm in `logs` and normalises; what is not
+/// finite counts as impossible. When all are impossible nothing changes and the answer is false.
+/// Leaves `logs` spoilt.
+pub(super) fn multiply(weights: &mut [f32], logs: &mut [f32]) -> bool {
+    let mut greatest = f32::NEG_INFINITY;
+    for (weight, log) in weights.iter().zip(logs.iter_mut()) {
+        *log = if log.is_finite() { *log + math::ln(*weight) } else { f32::NEG_INFINITY };
+        greatest = greatest.max(*log);
+    }
+    if greatest == f32::NEG_INFINITY {
+        return false;
+    }
+    let mut total = 0.0;
+    for (weight, log) in weights.iter_mut().zip(logs.iter()) {
+        let below = log - greatest;
+        // e⁻⁸⁰ of the heaviest is nothing, and `exp` never reaches zero by itself.
+        *weight = if below > -80.0 { math::exp(below) } else { 0.0 };
+        total += *weight;
+    }
+    let scale = 1.0 / total;
+    for weight in weights {
+        *weight *= scale;
+    }
+    true
+}
+
+/// Effective number of particles 1/Σw², from 1 to their number.
+pub(super) fn effective(weights: &[f32]) -> f32 {
+    let mut sum = 0.0;
+    for w in weights {
+        sum += w * w;
+    }
+    1.0 / sum
+}
+
+/// Systematic resampling in place: every particle gets as many children as its weight earns, ±1, and
+/// equal weights follow. `copy(from, to)` puts a child of one particle in the place of another that
+/// has none; parents stay where they are. `children` is room for as many numbers as there are
+/// weights.
+pub(super) fn resample(
+    weights: &mut [f32],
+    children: &mut [f32],
+    random: &mut Random,
+    mut copy: impl FnMut(usize, usize),
+) {
+    let number = weights.len().min(children.len());
+    let count = number as f32;
+    let mut comb = random.uniform();
+    let mut cumulative = 0.0;
+    let mut drawn = 0;
+    for (weight, children) in weights.iter().zip(children.iter_mut()) {
+        cumulative += weight * count;
+        *children = 0.0;
+        while comb <= cumulative && drawn < number {
+            *children += 1.0;
+            comb += 1.0;
+            drawn += 1;
+        }
+    }
+    // Rounding may leave the last teeth of the comb beyond the sum: they are the last's.
+    if drawn < number
+        && let Some(last) = children.iter().rposition(|&children| children > 0.0)
+    {
+        children[last] += (number - drawn) as f32;
+    }
+    let mut vacant = 0;
+    for parent in 0..number {
+        while children[parent] > 1.0 {
+            while vacant < number && children[vacant] != 0.0 {
+                vacant += 1;
+            }
+            if vacant == number {
+                break;
+            }
+            copy(parent, vacant);
+            children[vacant] = 1.0;
+            children[parent] -= 1.0;
+        }
+    }
+    weights.fill(1.0 / count);
 }
 
 impl<S: Space, const N: usize> Default for Particles<S, N> {

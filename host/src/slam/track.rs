@@ -6,7 +6,9 @@ use tactile_core::matrix::Square;
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::surface::cholesky::packed;
 use tactile_core::surface::{Ball, Gpis, Matern32, Prior, Training};
-use tactile_core::track::{Bootstrap, Estimate, MotionNoise, Settings, Status, Tracker};
+use tactile_core::track::{
+    Bootstrap, Estimate, MotionNoise, RaoBlackwell, Settings, Status, Tracker,
+};
 
 use crate::log::{GraspLog, LoggedGrasp, Noise};
 use crate::slam::deviations;
@@ -105,6 +107,8 @@ pub fn six_by_six<S: Bridge>(core: &S::Covariance) -> Matrix6<f64> {
 pub enum Kind {
     /// Bootstrap particle filter over one shared map (thesis 3.3.1, corrected)
     Bootstrap,
+    /// Rao-Blackwellised particle filter: 64 particles, each with its own faces
+    RaoBlackwell,
 }
 
 impl Kind {
@@ -112,6 +116,7 @@ impl Kind {
     pub fn name(self) -> &'static str {
         match self {
             Kind::Bootstrap => "bootstrap",
+            Kind::RaoBlackwell => "rao-blackwell",
         }
     }
 
@@ -120,6 +125,7 @@ impl Kind {
     pub fn follow(self, log: &GraspLog, seed: u64) -> Vec<Step> {
         match self {
             Kind::Bootstrap => bootstrap(log, &settings(log, seed)),
+            Kind::RaoBlackwell => rao_blackwell(log, &settings(log, seed)),
         }
     }
 }
@@ -157,6 +163,28 @@ pub fn bootstrap(log: &GraspLog, settings: &Settings) -> Vec<Step> {
             Box::new(Bootstrap::<Spatial, SpatialMap, SPATIAL_PARTICLES>::new(SpatialMap::new()));
         tracker.map_mut().configure(KERNEL, Ball::UNSET, Training::Normals);
         tracker.configure(*settings);
+        follow(&mut *tracker, log)
+    }
+}
+
+/// Particles of the Rao-Blackwellised filter, faces that each can have, and grasps whose poses it
+/// can still correct.
+const FACED_PARTICLES: usize = 64;
+const PLANAR_FACES: usize = 16;
+const SPATIAL_FACES: usize = 16;
+const HISTORY: usize = 256;
+
+/// Follows the object through the log with the Rao-Blackwellised particle filter.
+fn rao_blackwell(log: &GraspLog, settings: &Settings) -> Vec<Step> {
+    if log.dimension == 2 {
+        type Filter = RaoBlackwell<Planar, FACED_PARTICLES, PLANAR_FACES, HISTORY>;
+        let mut tracker = Box::new(Filter::new());
+        tracker.configure(settings.motion, settings.seed);
+        follow(&mut *tracker, log)
+    } else {
+        type Filter = RaoBlackwell<Spatial, FACED_PARTICLES, SPATIAL_FACES, HISTORY>;
+        let mut tracker = Box::new(Filter::new());
+        tracker.configure(settings.motion, settings.seed);
         follow(&mut *tracker, log)
     }
 }
