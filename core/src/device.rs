@@ -15,7 +15,8 @@ use crate::wire::{
 };
 
 pub use trackers::{
-    CONTACTS, PlanarDevice, PlanarMap, PlanarTracker, SpatialDevice, SpatialMap, SpatialTracker,
+    CONTACTS, PlanarDevice, PlanarFacedTracker, PlanarMap, PlanarTracker, SpatialDevice,
+    SpatialFacedTracker, SpatialMap, SpatialTracker,
 };
 
 /// What a device needs of the hardware.

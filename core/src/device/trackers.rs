@@ -5,7 +5,8 @@ use super::{Device, Onboard};
 use crate::space::{Planar, Spatial};
 use crate::surface::cholesky::packed;
 use crate::surface::{Ball, Gpis, Matern32, Prior, Training};
-use crate::track::Bootstrap;
+use crate::track::rao_blackwell::Faceted;
+use crate::track::{Bootstrap, RaoBlackwell};
 use crate::wire::WireSpace;
 
 /// Standard deviation of the surface about its prior ball, metres.
@@ -30,6 +31,10 @@ pub type SpatialMap =
 pub type PlanarTracker = Bootstrap<Planar, PlanarMap, 250>;
 /// The tracker of a spatial board.
 pub type SpatialTracker = Bootstrap<Spatial, SpatialMap, 400>;
+/// Another for a planar board: every particle with its own faces, 27 kB.
+pub type PlanarFacedTracker = RaoBlackwell<Planar, 64, 12, 0>;
+/// Another for a spatial board, 32 kB.
+pub type SpatialFacedTracker = RaoBlackwell<Spatial, 64, 8, 0>;
 /// A planar board.
 pub type PlanarDevice = Device<PlanarTracker, Planar, CONTACTS>;
 /// A spatial board.
@@ -58,4 +63,19 @@ impl<S: WireSpace, const SITES: usize, const ROWS: usize, const PACKED: usize, c
             Training::Normals,
         );
     }
+}
+
+impl<
+    S: WireSpace + Faceted,
+    const PARTICLES: usize,
+    const FACES: usize,
+    const HISTORY: usize,
+> Onboard<S> for RaoBlackwell<S, PARTICLES, FACES, HISTORY>
+{
+    /// Faces, each of any number of contacts.
+    const MAP: usize = FACES;
+    const PARTICLES: usize = PARTICLES;
+
+    /// Nothing to set: faces have no model beside the contacts' noise.
+    fn prepare(&mut self) {}
 }

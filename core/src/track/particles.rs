@@ -3,6 +3,7 @@
 use crate::math;
 use crate::random::Random;
 use crate::space::{self, Pose, Space};
+use crate::track::{Modes, Separation};
 
 /// `N` poses with weights that sum to one.
 #[derive(Clone, Debug)]
@@ -47,10 +48,29 @@ impl<S: Space, const N: usize> Particles<S, N> {
     /// Multiplies every weight by exp(`log_likelihood`(pose)) and normalises (Algorithm 3.1,
     /// corrected: earlier weights count). `None` marks a pose as impossible. When all are
     /// impossible nothing changes and the answer is false.
-    pub fn weigh(&mut self, mut log_likelihood: impl FnMut(&S::Pose) -> Option<f32>) -> bool {
-        for (pose, log) in self.poses.iter().zip(&mut self.scratch) {
+    pub fn weigh(&mut self, log_likelihood: impl FnMut(&S::Pose) -> Option<f32>) -> bool {
+        self.compare(log_likelihood).is_some() && self.accept()
+    }
+
+    /// Log likelihoods of all poses, kept for [`accept`](Self::accept); the pose that is most
+    /// probable with them, or `None` when all are impossible.
+    pub fn compare(
+        &mut self,
+        mut log_likelihood: impl FnMut(&S::Pose) -> Option<f32>,
+    ) -> Option<S::Pose> {
+        let mut best = (f32::NEG_INFINITY, None);
+        for ((pose, weight), log) in self.poses.iter().zip(&self.weights).zip(&mut self.scratch) {
             *log = log_likelihood(pose).unwrap_or(f32::NEG_INFINITY);
+            let both = *log + math::ln(*weight);
+            if both > best.0 {
+                best = (both, Some(*pose));
+            }
         }
+        best.1
+    }
+
+    /// Multiplies the weights by what [`compare`](Self::compare) found; once.
+    pub fn accept(&mut self) -> bool {
         multiply(&mut self.weights, &mut self.scratch)
     }
 
@@ -69,6 +89,18 @@ impl<S: Space, const N: usize> Particles<S, N> {
         }
         let weighted = self.weights.iter().copied().zip(self.poses.iter().copied());
         space::mean::<S>(weighted, self.poses[heaviest])
+    }
+
+    /// The poses held possible.
+    pub fn modes(&self, separation: &Separation) -> Modes<S> {
+        Modes::of(self.weights.iter().copied().zip(self.poses.iter().copied()), separation)
+    }
+
+    /// The same of the particles within `separation` of `pose` alone.
+    pub fn mean_near(&self, pose: S::Pose, separation: &Separation) -> (S::Pose, S::Covariance) {
+        let near = self.weights.iter().copied().zip(self.poses.iter().copied());
+        let near = near.filter(|(_, other)| separation.between::<S>(&pose, other) < 1.0);
+        space::mean::<S>(near, pose)
     }
 
     /// Systematic resampling in place: every particle gets as many children as its weight earns,

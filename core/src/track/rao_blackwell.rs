@@ -33,14 +33,14 @@ use proposal::{Drawn, Prior, draw, free};
 /// Kernel of the medoid: poses this close support each other.
 const KERNEL: Separation = Separation { translation: 0.005, rotation: 0.1 };
 
+/// Poses of a belief with one answer: wide, but without another face's alias (60° on a hexagon).
+const SAME_HILL: Separation = Separation { translation: 0.03, rotation: 0.8 };
+
+const EVERYWHERE: Separation =
+    Separation { translation: f32::INFINITY, rotation: f32::INFINITY };
+
 /// A second answer with this share of the belief makes it ambiguous.
 const AMBIGUOUS: f32 = 0.25;
-
-/// The least motion noise assumed when the object may have slipped away.
-const SLIP: MotionNoise = MotionNoise { translation: 0.03, rotation: 0.7 };
-
-/// The most: beyond it, starts are everywhere.
-const WIDEST: MotionNoise = MotionNoise { translation: 0.2, rotation: 2.0 };
 
 /// One answer to where the object is, and what it looks like in that case.
 #[derive(Clone, Copy, Debug)]
@@ -216,7 +216,7 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
         lost: u16,
     ) -> Option<Verdict> {
         let Running { motion: noise, random } = self.running();
-        let (noise, mut random) = (widened(*noise, lost), random.clone());
+        let (noise, mut random) = (noise.after_losing(lost), random.clone());
         let felt = centroid(grasp);
         let contacts = good(grasp).count() as u16;
         let enough = math::max(3.0, 0.6 * f32::from(contacts));
@@ -354,20 +354,6 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
     }
 }
 
-/// Motion noise when the object was lost this many grasps in a row.
-fn widened(noise: MotionNoise, lost: u16) -> MotionNoise {
-    if lost == 0 {
-        return noise;
-    }
-    let wide = |own: f32, slip: f32, widest: f32| {
-        math::min(math::max(2.0 * own, slip) * f32::from(lost), math::max(widest, own))
-    };
-    MotionNoise {
-        translation: wide(noise.translation, SLIP.translation, WIDEST.translation),
-        rotation: wide(noise.rotation, SLIP.rotation, WIDEST.rotation),
-    }
-}
-
 /// The contacts of a grasp that can be used, with unit normals.
 fn good<'a, S: Space>(grasp: &GraspView<'a, S>) -> impl Iterator<Item = Contact<S>> + Clone + 'a {
     grasp.contacts.iter().filter_map(|c| c.checked().ok())
@@ -409,11 +395,17 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
         self.find_mode();
         let weighted = self.particles.iter().zip(&self.weights).map(|(p, w)| (*w, p.pose));
         let modes = Modes::of(weighted.clone(), &Separation::DEFAULT);
-        let own = self.in_mode().zip(&self.particles).map(|(w, p)| (w, p.pose));
-        let (pose, covariance) = space::mean::<S>(own, self.mode);
         if status == Status::Tracking && modes.disagree(AMBIGUOUS) {
             status = Status::Ambiguous;
         }
+        let reach = match status {
+            Status::Ambiguous => Separation::DEFAULT,
+            Status::Tracking => SAME_HILL,
+            // Nothing has said where it is: the whole belief is one answer.
+            _ => EVERYWHERE,
+        };
+        let own = weighted.filter(|(_, pose)| reach.between::<S>(&self.mode, pose) < 1.0);
+        let (pose, covariance) = space::mean::<S>(own, self.mode);
         let corrected = matches!(status, Status::Tracking | Status::Ambiguous);
         let effective_particles = effective(&self.weights);
         let resampled = self.resample_if_poor();
@@ -461,3 +453,6 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
         Self::new()
     }
 }
+
+#[cfg(test)]
+mod tests;

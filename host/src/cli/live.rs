@@ -97,13 +97,17 @@ impl FromStr for Port {
 /// # Errors
 /// Bad input before a board is touched; a board that does not answer; unwritable results.
 pub fn run(args: &LiveArgs) -> Result<(), Error> {
+    let tracker = match args.tracker {
+        Kind::Bootstrap => "bootstrap on the board",
+        other => {
+            let (asked, carried) = (other.name(), Kind::Bootstrap.name());
+            return Err(Error::Input(format!("--tracker {asked}: the board carries {carried}")));
+        }
+    };
     let input = Input::open(args.log.as_deref(), &args.out)?;
     let Input { log, name, truth } = &input;
     let fed =
         if log.dimension == 2 { feed::<Planar>(args, log) } else { feed::<Spatial>(args, log) }?;
-    let tracker = match args.tracker {
-        Kind::Bootstrap => "bootstrap on the board",
-    };
     let title = input.title();
     let provenance = Provenance {
         title,

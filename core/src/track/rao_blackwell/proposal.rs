@@ -31,6 +31,9 @@ const STEP: [f32; 2] = [0.03, 0.35];
 /// make weights wild.
 const WIDER: f32 = 1.2;
 
+/// Least share of the motion alone in a proposal, of that of the likeliest maximum.
+const DEFENCE: f32 = 0.01;
+
 /// Maxima closer than this (standard deviations, squared) are one.
 const SAME: f32 = 1.0;
 
@@ -137,6 +140,17 @@ impl<S: Space> Peak<S> {
         share: 0.0,
     };
 
+    /// The motion prior itself.
+    fn of(prior: &Prior<S>) -> Self {
+        let mut peak = Peak { pose: prior.mean, ..Self::UNSET };
+        for axis in 0..S::FREEDOM {
+            let root = math::sqrt(prior.information(axis));
+            *peak.factor.at_mut(axis, axis) = root;
+            peak.log_root += math::ln(root);
+        }
+        peak
+    }
+
     /// Squared distance of a pose in standard deviations.
     fn distance(&self, tangent: S::Tangent) -> f32 {
         transposed::<S>(&self.factor, tangent).norm_squared()
@@ -169,7 +183,7 @@ pub(super) fn draw<S: Faceted, const FACES: usize>(
     random: &mut Random,
     mut start: impl FnMut(usize, &mut Random) -> S::Pose,
 ) -> Option<Drawn<S>> {
-    let mut peaks = [Peak::<S>::UNSET; STARTS];
+    let mut peaks = [Peak::<S>::UNSET; STARTS + 1];
     let mut count = 0;
     for k in 0..STARTS {
         let start = start(k, random);
@@ -178,15 +192,24 @@ pub(super) fn draw<S: Faceted, const FACES: usize>(
         if known.clone().any(|p| p.distance(p.pose.local(&peak.pose)) < SAME) {
             continue;
         }
+        // Laplace's evidence: the height of the maximum times the volume below it.
         peak.share = agreement(view, &peak.pose, grasp).log + prior.log_density(&peak.pose)
-            - peak.log_root;
+            - peak.log_root
+            + S::FREEDOM as f32 * HALF_LN_TAU;
         if peak.share.is_finite() {
             peaks[count] = peak;
             count += 1;
         }
     }
-    let peaks = peaks.get_mut(..count)?;
-    let greatest = peaks.iter().fold(f32::NEG_INFINITY, |most, p| math::max(most, p.share));
+    // The motion alone, as if no contact were on a known face: never much less probable than all else,
+    // so that no pose is left without a proposal.
+    let mut alone = Peak::of(prior);
+    let unknown = math::ln(view.unknown());
+    alone.share = super::good(grasp).map(|_| unknown).sum::<f32>() + free(view, &alone.pose, grasp);
+    let greatest = peaks.iter().take(count).fold(alone.share, |most, p| math::max(most, p.share));
+    alone.share = math::max(alone.share, greatest + math::ln(DEFENCE));
+    peaks[count] = alone;
+    let peaks = peaks.get_mut(..count + 1)?;
     let mut total = 0.0;
     for peak in peaks.iter_mut() {
         peak.share = math::exp(peak.share - greatest);

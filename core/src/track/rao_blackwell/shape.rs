@@ -35,6 +35,10 @@ const FAR: f32 = 60.0;
 /// Deviation of a free fingertip's place, metres.
 const FREE: f32 = 2e-3;
 
+/// How far a touched patch reaches, in standard deviations of its contacts' places (two contacts lie
+/// at one, many spread evenly along a line within √3).
+const PATCH: f32 = 1.5;
+
 /// Least probability, of what it would be otherwise, of a fingertip that met nothing inside the object.
 const FREE_DOUBT: f32 = 0.05;
 
@@ -274,8 +278,13 @@ impl<S: Faceted, const FACES: usize> View<S, FACES> {
         }
         best.map(|(plane, residual, log)| {
             let odds = math::exp(log);
-            (plane, residual, odds / (odds + self.new + WILD))
+            (plane, residual, odds / (odds + self.unknown()))
         })
+    }
+
+    /// What a contact has that no known face explains and convexity does not forbid.
+    pub fn unknown(&self) -> f32 {
+        self.new + WILD
     }
 
     /// How well the shape explains a contact.
@@ -365,7 +374,7 @@ impl<S: Faceted, const FACES: usize> View<S, FACES> {
         for k in 0..S::Along::LEN {
             *spread.at_mut(k, k) += FREE * FREE;
         }
-        if place.dot(times(&inverse(&spread).0, place)) > 4.0 {
+        if place.dot(times(&inverse(&spread).0, place)) > PATCH * PATCH {
             return 0.0;
         }
         let variance = place.dot(times(&plane.tilt, place)) + plane.height + FREE * FREE;
