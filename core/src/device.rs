@@ -16,8 +16,10 @@ use crate::wire::{
 };
 
 pub use trackers::{
-    CONTACTS, PlanarDevice, PlanarHypotheses, PlanarHypothesesDevice, PlanarMap, PlanarTracker,
-    SpatialDevice, SpatialHypotheses, SpatialHypothesesDevice, SpatialMap, SpatialTracker,
+    CONTACTS, PlanarDevice, PlanarHypotheses, PlanarHypothesesDevice, PlanarMap,
+    PlanarRaoBlackwell, PlanarRaoBlackwellDevice, PlanarTracker, SpatialDevice, SpatialHypotheses,
+    SpatialHypothesesDevice, SpatialMap, SpatialRaoBlackwell, SpatialRaoBlackwellDevice,
+    SpatialTracker,
 };
 
 /// What a device needs of the hardware.

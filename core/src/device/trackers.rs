@@ -7,7 +7,8 @@ use crate::space::{Planar, Spatial};
 use crate::surface::cholesky::packed;
 use crate::surface::{Ball, Gpis, Matern32, Prior, Training};
 use crate::track::hypotheses::{self, Chart, Hypotheses};
-use crate::track::{Bootstrap, MotionNoise};
+use crate::track::rao_blackwell::Faceted;
+use crate::track::{Bootstrap, MotionNoise, RaoBlackwell};
 use crate::wire::{FaceSummary, TrackerKind, WireSpace};
 
 /// Standard deviation of the surface about its prior ball, metres.
@@ -45,6 +46,10 @@ pub type PlanarHypotheses =
 /// The same for a spatial board.
 pub type SpatialHypotheses =
     Hypotheses<Spatial, 4, SPATIAL_FACES, SPATIAL_JOINT, { packed(SPATIAL_JOINT) }, GRASPS>;
+/// Sixty-four particles with twelve faces each, for a planar board.
+pub type PlanarRaoBlackwell = RaoBlackwell<Planar, 64, 12, 0>;
+/// Sixty-four particles with eight faces each, for a spatial board.
+pub type SpatialRaoBlackwell = RaoBlackwell<Spatial, 64, 8, 0>;
 /// A planar board with a bootstrap filter.
 pub type PlanarDevice = Device<PlanarTracker, Planar, CONTACTS>;
 /// A spatial board with a bootstrap filter.
@@ -53,6 +58,10 @@ pub type SpatialDevice = Device<SpatialTracker, Spatial, CONTACTS>;
 pub type PlanarHypothesesDevice = Device<PlanarHypotheses, Planar, CONTACTS>;
 /// A spatial board with hypotheses over pose and faces.
 pub type SpatialHypothesesDevice = Device<SpatialHypotheses, Spatial, CONTACTS>;
+/// A planar board whose particles own their faces.
+pub type PlanarRaoBlackwellDevice = Device<PlanarRaoBlackwell, Planar, CONTACTS>;
+/// A spatial board whose particles own their faces.
+pub type SpatialRaoBlackwellDevice = Device<SpatialRaoBlackwell, Spatial, CONTACTS>;
 
 impl PlanarDevice {
     /// A board that has heard nothing; all zero bits.
@@ -72,6 +81,16 @@ impl PlanarHypothesesDevice {
 impl SpatialHypothesesDevice {
     /// A board that has heard nothing; all zero bits.
     pub const START: Self = Device::new(Hypotheses::new());
+}
+
+impl PlanarRaoBlackwellDevice {
+    /// A board that has heard nothing; all zero bits.
+    pub const START: Self = Device::new(RaoBlackwell::new());
+}
+
+impl SpatialRaoBlackwellDevice {
+    /// A board that has heard nothing; all zero bits.
+    pub const START: Self = Device::new(RaoBlackwell::new());
 }
 
 impl<S: WireSpace, const SITES: usize, const ROWS: usize, const PACKED: usize, const N: usize>
@@ -126,4 +145,16 @@ impl<
         };
         Some((summary, self.faces().count() as u8))
     }
+}
+
+impl<S: WireSpace + Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usize>
+    Onboard<S> for RaoBlackwell<S, PARTICLES, FACES, HISTORY>
+{
+    /// Faces, each of any number of contacts.
+    const MAP: usize = FACES;
+    const PARTICLES: usize = PARTICLES;
+    const KIND: TrackerKind = TrackerKind::RaoBlackwell;
+
+    /// Nothing to set: faces have no model beside the contacts' noise.
+    fn prepare(&mut self) {}
 }

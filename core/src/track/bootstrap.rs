@@ -6,9 +6,9 @@ use crate::matrix::{Coordinates, Square};
 use crate::random::Random;
 use crate::space::{Pose, Space};
 use crate::surface::{Insertion, Map};
-use crate::track::likelihood::log_likelihood;
+use crate::track::likelihood::{is_strange, log_free, log_likelihood};
 use crate::track::particles::Particles;
-use crate::track::{Estimate, Modes, MotionNoise, Observability, Status, Tracker};
+use crate::track::{Estimate, MotionNoise, Observability, Separation, Status, Tracker};
 
 /// The thesis' condition on a pose (3.5.1): enough contacts of the grasp must lie close to contacts
 /// already in the map, or its likelihood is zero. Of a grasp with fewer contacts, all must.
@@ -24,6 +24,9 @@ impl Gate {
     /// Four contacts within 10 mm.
     pub const THESIS: Self = Gate { contacts: 4, distance: 0.01 };
 }
+
+/// A second answer with this share of the belief makes it ambiguous.
+const AMBIGUOUS: f32 = 0.25;
 
 /// How a [`Bootstrap`] works.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,6 +53,8 @@ pub struct Bootstrap<S: Space, M: Map<S>, const PARTICLES: usize> {
     running: Option<Running>,
     /// Grasps seen.
     grasps: u32,
+    /// Grasps in a row that fitted nowhere.
+    lost: u16,
     /// Whether a contact has fixed the object frame.
     started: bool,
 }
@@ -81,7 +86,7 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
     /// A filter over an empty `map`, with [`Settings::DEFAULT`].
     pub const fn new(map: M) -> Self {
         let particles = Particles::new();
-        Bootstrap { map, particles, running: None, grasps: 0, started: false }
+        Bootstrap { map, particles, running: None, grasps: 0, lost: 0, started: false }
     }
 
     /// Starts anew with these settings.
@@ -89,6 +94,7 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
         self.running = Some(Running::new(settings));
         self.map.clear();
         self.grasps = 0;
+        self.lost = 0;
         self.started = false;
     }
 
@@ -121,21 +127,22 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
         }
     }
 
-    /// Moves every particle as the hand meant to, and then some.
+    /// Moves every particle as the hand meant to, and then some; more when the object was lost.
     fn predict(&mut self, motion: Option<&S::Pose>) {
         let running = self.running.get_or_insert_with(|| Running::new(Settings::DEFAULT));
+        let noise = running.motion.after_losing(self.lost);
         let motion = motion.filter(|m| m.is_finite());
         for pose in self.particles.poses_mut() {
             let moved = motion.map_or(*pose, |m| m.compose(pose));
-            *pose = running.motion.disturb::<S>(&moved, &mut running.random);
+            *pose = noise.disturb::<S>(&moved, &mut running.random);
         }
     }
 
-    /// Weighs the particles by the grasp; false when none is possible.
-    fn weigh(&mut self, grasp: &GraspView<'_, S>) -> bool {
+    /// Weighs the particles by the grasp, unless it fits at none of them.
+    fn weigh(&mut self, grasp: &GraspView<'_, S>) -> Fit {
         let gate = self.running.as_ref().and_then(Running::gate);
         let map = &self.map;
-        self.particles.weigh(|pose| {
+        let best = self.particles.compare(|pose| {
             let (mut sum, mut close, mut all) = (0.0, 0, 0);
             for contact in good(grasp) {
                 let probe = map.probe(pose.untransform(contact.point));
@@ -143,8 +150,31 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
                 all += 1;
                 close += u16::from(gate.is_some_and(|g| probe.nearest <= g.distance));
             }
+            let free = grasp.free.iter().map(|f| f.point).filter(|p| p.is_finite());
+            for point in free {
+                sum += log_free(&map.probe(pose.untransform(point)));
+            }
             gate.is_none_or(|g| close >= g.contacts.min(all)).then_some(sum)
-        })
+        });
+        let likeliest = best.unwrap_or_else(|| self.particles.mean().0);
+        match (self.contradicts(grasp, &likeliest), best) {
+            (true, _) => Fit::Nowhere,
+            (false, None) => Fit::Refused,
+            (false, Some(_)) if self.particles.accept() => Fit::Somewhere,
+            (false, Some(_)) => Fit::Refused,
+        }
+    }
+
+    /// Whether most contacts are strange to the map at this pose.
+    fn contradicts(&self, grasp: &GraspView<'_, S>, pose: &S::Pose) -> bool {
+        let (mut strange, mut all) = (0, 0);
+        for contact in good(grasp) {
+            let probe = self.map.probe(pose.untransform(contact.point));
+            let normal = contact.normal.map(|n| pose.unrotate(n));
+            strange += usize::from(is_strange(&probe, normal, &contact));
+            all += 1;
+        }
+        strange >= 2 && 2 * strange > all
     }
 
     /// Resamples when fewer than half of the particles count.
@@ -159,7 +189,8 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
     /// Adds the grasp to the map at the mean pose; the number of contacts let go.
     ///
     /// The doubt about the pose along each contact's normal goes into its noise, so that a grasp
-    /// placed badly does not overrule one placed well.
+    /// placed badly does not overrule one placed well. What is still strange with it is a wild contact
+    /// and not learnt.
     fn learn(
         &mut self,
         grasp: &GraspView<'_, S>,
@@ -169,6 +200,10 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
         let mut dropped = 0u16;
         for contact in good(grasp) {
             let placed = place(&contact, pose, covariance);
+            let known = self.map.contacts() > 0;
+            if known && is_strange(&self.map.probe(placed.point), placed.normal, &placed) {
+                continue;
+            }
             dropped = dropped.saturating_add(match self.map.insert(&placed) {
                 Insertion::Stored | Insertion::Merged => 0,
                 Insertion::Replaced(others) => others,
@@ -178,6 +213,18 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
         self.map.refit();
         dropped
     }
+}
+
+/// Where a grasp fits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Fit {
+    /// At some particles.
+    Somewhere,
+    /// At none that the gate lets pass, though the map does not contradict it: it was felt where
+    /// nothing had been touched.
+    Refused,
+    /// At none: most of it contradicts the map even where it fits best.
+    Nowhere,
 }
 
 /// The contacts of a grasp that can be used, with unit normals.
@@ -214,28 +261,39 @@ fn place<S: Space>(contact: &Contact<S>, pose: &S::Pose, covariance: &S::Covaria
 impl<S: Space, M: Map<S>, const PARTICLES: usize> Tracker<S> for Bootstrap<S, M, PARTICLES> {
     fn update(&mut self, motion: Option<&S::Pose>, grasp: GraspView<'_, S>) -> Estimate<S> {
         let contacts = good(&grasp).count();
-        let mut corrected = false;
         let mut resampled = false;
-        let begun = self.started;
-        if begun {
-            self.predict(motion);
-            corrected = contacts > 0 && self.weigh(&grasp);
-        } else {
+        let mut status = Status::Started;
+        if !self.started {
             self.particles.place(S::Pose::IDENTITY);
             self.start(&grasp);
+        } else {
+            self.predict(motion);
+            status = match if contacts > 0 { self.weigh(&grasp) } else { Fit::Refused } {
+                Fit::Somewhere => Status::Tracking,
+                Fit::Refused => Status::Predicted,
+                Fit::Nowhere => Status::Lost,
+            };
+            let lost = self.lost.saturating_add(u16::from(status == Status::Lost));
+            self.lost = if status == Status::Tracking { 0 } else { lost };
         }
-        let status = match (begun, contacts, corrected) {
-            (false, ..) => Status::Started,
-            (true, 0, _) => Status::Predicted,
-            (true, _, false) => Status::Lost,
-            (true, _, true) => Status::Tracking,
-        };
-        let (pose, covariance) = self.particles.mean();
+        let modes = self.particles.modes(&Separation::DEFAULT);
+        let (mut pose, mut covariance) = self.particles.mean();
+        if status == Status::Tracking
+            && modes.disagree(AMBIGUOUS)
+            && let Some(heaviest) = modes.as_slice().first()
+        {
+            status = Status::Ambiguous;
+            (pose, covariance) = self.particles.mean_near(heaviest.pose, &Separation::DEFAULT);
+        }
+        let corrected = matches!(status, Status::Tracking | Status::Ambiguous);
         let effective_particles = self.particles.effective();
         if corrected {
             resampled = self.resample_if_poor();
         }
-        let dropped = self.learn(&grasp, &pose, &covariance);
+        let mut dropped = 0;
+        if status != Status::Lost {
+            dropped = self.learn(&grasp, &pose, &covariance);
+        }
         let felt = good(&grasp)
             .filter_map(|c| Some((pose.untransform(c.point), pose.unrotate(c.normal?))));
         let estimate = Estimate {
@@ -243,7 +301,7 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Tracker<S> for Bootstrap<S, M,
             pose,
             covariance,
             status,
-            modes: Modes::one(pose),
+            modes,
             effective_particles,
             observability: Observability::of(felt),
             contacts: contacts.min(usize::from(u16::MAX)) as u16,
@@ -274,6 +332,7 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Tracker<S> for Bootstrap<S, M,
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::contact::FreePoint;
     use crate::matrix::Vector;
     use crate::space::{Planar, PlanarPose};
     use crate::surface::cholesky::packed;
@@ -363,6 +422,89 @@ mod tests {
         let far = touch(&PlanarPose::new(Vector([0.5, 0.0]), 0.0), 0.0);
         let strange = filter.update(None, view(&far));
         assert!(!strange.corrected && !strange.resampled);
+    }
+
+    #[test]
+    fn a_grasp_that_fits_nowhere_is_lost_and_the_object_found_again() {
+        let mut filter = filter(Settings { seed: 2, ..Settings::DEFAULT });
+        for k in 0..3 {
+            filter.update(None, view(&touch(&PlanarPose::IDENTITY, 0.002 * k as f32)));
+        }
+        let known = filter.map().contacts();
+        // A thing of 20 mm where the rectangle was.
+        let strange: Vec<_> = touch(&PlanarPose::IDENTITY, 0.0)
+            .into_iter()
+            .map(|c| Contact { point: c.point * 0.2, ..c })
+            .collect();
+        for _ in 0..2 {
+            let lost = filter.update(None, view(&strange));
+            assert_eq!((lost.status, lost.corrected, lost.resampled), (Status::Lost, false, false));
+            assert_eq!(filter.map().contacts(), known);
+        }
+        let truth = PlanarPose::new(Vector([0.04, -0.03]), 0.6);
+        let found = (0..6).any(|k| {
+            let estimate = filter.update(None, view(&touch(&truth, 0.001 * k as f32)));
+            let error = truth.local(&estimate.pose);
+            estimate.corrected && error[0].hypot(error[1]) < 0.006 && error[2].abs() < 0.1
+        });
+        assert!(found);
+    }
+
+    #[test]
+    fn wild_contacts_are_not_learnt() {
+        let mut filter = filter(Settings { seed: 4, ..Settings::DEFAULT });
+        for k in 0..3 {
+            filter.update(None, view(&touch(&PlanarPose::IDENTITY, 0.002 * k as f32)));
+        }
+        let known = filter.map().contacts();
+        let mut grasp = touch(&PlanarPose::IDENTITY, 0.001);
+        grasp[2].point = Vector([0.005, 0.0]);
+        let estimate = filter.update(None, view(&grasp));
+        assert!(estimate.corrected && filter.map().contacts() == known + 7);
+    }
+
+    #[test]
+    fn a_square_turned_by_half_of_its_symmetry_is_ambiguous() {
+        let square = |angle: f32| -> Vec<Contact<Planar>> {
+            let pose = PlanarPose::new(Vector::ZERO, angle);
+            let round = |c: Contact<Planar>| {
+                let n = c.normal.unwrap();
+                let along = c.point - n * c.point.dot(n);
+                Contact {
+                    point: pose.transform(n * 0.03 + along),
+                    normal: Some(pose.rotate(n)),
+                    ..c
+                }
+            };
+            touch(&PlanarPose::IDENTITY, 0.0).into_iter().map(round).collect()
+        };
+        let motion = MotionNoise { translation: 0.005, rotation: 0.6 };
+        let mut filter = filter(Settings { motion, seed: 1, ..Settings::DEFAULT });
+        filter.update(None, view(&square(0.0)));
+        let estimate = filter.update(None, view(&square(core::f32::consts::FRAC_PI_4)));
+        assert_eq!(estimate.status, Status::Ambiguous, "{:?}", estimate.modes);
+        assert!((estimate.pose.angle().abs() - core::f32::consts::FRAC_PI_4).abs() < 0.1);
+    }
+
+    #[test]
+    fn fingers_that_met_nothing_tell_where_the_object_is_not() {
+        let mean = |free: &[FreePoint<Planar>]| {
+            let mut filter = filter(Settings { seed: 5, ..Settings::DEFAULT });
+            let sides: Vec<_> = (-4..5)
+                .flat_map(|i| [1.0f32, -1.0].map(|y| (0.01 * i as f32, y)))
+                .map(|(x, y)| Contact {
+                    point: Vector([x, 0.03 * y]),
+                    normal: Some(Vector([0.0, y])),
+                    point_deviation: 1e-3,
+                    normal_deviation: 0.0873,
+                    finger: 0,
+                })
+                .collect();
+            filter.update(None, view(&sides));
+            filter.update(None, GraspView { contacts: &sides, free }).pose.translation[0]
+        };
+        let free = [FreePoint { point: Vector([0.035, 0.02]), finger: 1 }];
+        assert!(mean(&free) < mean(&[]) - 0.003, "{} {}", mean(&free), mean(&[]));
     }
 
     #[test]

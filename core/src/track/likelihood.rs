@@ -45,6 +45,46 @@ pub fn log_likelihood<S: Space>(
     distance + student(angle * angle, spread, (S::DIMENSION - 1) as f32)
 }
 
+/// Deviations beyond which a contact is nowhere near where the surface is known to be.
+const STRANGE: f32 = 5.0;
+
+/// Least probability, of what it would be otherwise, of a fingertip that met nothing inside the
+/// object: the fingertip is not a point, and the hand may have moved the object.
+const FREE_DOUBT: f32 = 0.05;
+
+/// Standard deviation of the place of a fingertip that met nothing, metres.
+const FREE_DEVIATION: f32 = 2e-3;
+
+/// Whether a contact contradicts the surface where it was probed: farther from it than five standard
+/// deviations of both, or on its other side. Where nothing was touched nothing is strange.
+pub fn is_strange<S: Space>(
+    probe: &Probe<S>,
+    normal: Option<S::Vector>,
+    contact: &Contact<S>,
+) -> bool {
+    let slope = probe.gradient.norm().max(LEAST_SLOPE);
+    let scale = 1.0 / (slope * slope);
+    let spread = contact.point_deviation * contact.point_deviation + probe.variance * scale;
+    let far = !(probe.value * probe.value * scale <= STRANGE * STRANGE * spread);
+    let behind =
+        normal.is_some_and(|n| probe.gradient.dot(n) < 0.0) && probe.slope_variance * scale < 0.25;
+    far || behind
+}
+
+/// Log probability, up to a constant, that a fingertip met nothing where the surface was probed:
+/// zero outside the object, falling with the depth inside to a bound.
+#[inline]
+pub fn log_free<S: Space>(probe: &Probe<S>) -> f32 {
+    if !(probe.value < 0.0) {
+        return 0.0;
+    }
+    let slope = probe.gradient.norm().max(LEAST_SLOPE);
+    let scale = 1.0 / (slope * slope);
+    let spread = FREE_DEVIATION * FREE_DEVIATION + probe.variance * scale;
+    let depth = probe.value * probe.value * scale / spread;
+    math::ln(FREE_DOUBT + (1.0 - FREE_DOUBT) * math::exp(-0.5 * depth))
+}
+
 /// Log density, up to a constant, of a residual of `axes` components with this squared length and
 /// variance per component.
 #[inline(always)]
@@ -83,6 +123,26 @@ mod tests {
         // The surface scale cancels: 2f with twice the slope is the same contact.
         let steep = Probe { gradient: Vector([0.0, 2.0]), ..probe(0.004, 4e-6) };
         assert!((log_likelihood(&steep, None, &CONTACT) - at(0.002, 1e-6)).abs() < 1e-5);
+    }
+
+    #[test]
+    fn what_contradicts_the_surface_is_strange() {
+        let strange = |value, variance, n: [f32; 2]| {
+            is_strange(&probe(value, variance), Some(Vector(n)), &CONTACT)
+        };
+        assert!(!strange(0.004, 1e-6, [0.0, 1.0]) && strange(0.02, 1e-6, [0.0, 1.0]));
+        assert!(!strange(0.02, 1e-4, [0.0, 1.0]) && !strange(0.0, 1e-6, [0.9, 0.1]));
+        assert!(strange(0.0, 1e-6, [0.0, -1.0]));
+        assert!(strange(f32::NAN, 1e-6, [0.0, 1.0]));
+    }
+
+    #[test]
+    fn fingers_meet_nothing_outside_rather_than_inside() {
+        let free = |value, variance| log_free(&probe(value, variance));
+        assert_eq!((free(0.01, 1e-6), free(f32::NAN, 1e-6)), (0.0, 0.0));
+        assert!(free(-0.001, 1e-6) > -0.2 && free(-0.02, 1e-6) < -2.9);
+        // Where the surface is not known, neither is its inside.
+        assert!(free(-0.02, 1e-3) > -0.3 && free(-1.0, 1e-6) > -3.1);
     }
 
     #[test]

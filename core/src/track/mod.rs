@@ -7,12 +7,14 @@ pub mod modes;
 pub mod motion;
 pub mod observability;
 pub mod particles;
+pub mod rao_blackwell;
 
 pub use bootstrap::{Bootstrap, Gate, Settings};
 pub use hypotheses::Hypotheses;
 pub use modes::{Mode, Modes, Separation};
 pub use motion::MotionNoise;
 pub use observability::Observability;
+pub use rao_blackwell::RaoBlackwell;
 
 use crate::contact::GraspView;
 use crate::space::Space;

@@ -1,5 +1,6 @@
 //! How much the object moves beyond what the hand intended.
 
+use crate::math;
 use crate::random::Random;
 use crate::space::{Pose, Space};
 
@@ -17,6 +18,23 @@ impl MotionNoise {
     /// The thesis' "100 %": 10 mm and 20°.
     pub const THESIS: Self = MotionNoise { translation: 0.01, rotation: 0.349_065_85 };
 
+    /// The noise to search with after this many grasps in a row that fitted nowhere: the object may
+    /// have slipped by more than the hand knows. At first twice the noise and no less than 30 mm and
+    /// 40°, growing with every grasp to 200 mm and 115°; without a loss, the noise itself.
+    pub fn after_losing(&self, grasps: u16) -> Self {
+        if grasps == 0 {
+            return *self;
+        }
+        let wider = |own: f32, least: f32, most: f32| {
+            let wide = math::max(2.0 * own, least) * f32::from(grasps);
+            math::min(wide, math::max(most, own))
+        };
+        MotionNoise {
+            translation: wider(self.translation, 0.03, 0.2),
+            rotation: wider(self.rotation, 0.7, 2.0),
+        }
+    }
+
     /// `pose` displaced by one draw of the noise.
     pub fn disturb<S: Space>(&self, pose: &S::Pose, random: &mut Random) -> S::Pose {
         let mut t: S::Tangent = random.normal();
@@ -24,5 +42,22 @@ impl MotionNoise {
             t[i] *= if i < S::DIMENSION { self.translation } else { self.rotation };
         }
         pose.retract(t)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn losing_widens_up_to_everywhere() {
+        let noise = MotionNoise { translation: 1e-3, rotation: 0.1 };
+        assert_eq!(noise.after_losing(0), noise);
+        assert_eq!(noise.after_losing(1), MotionNoise { translation: 0.03, rotation: 0.7 });
+        assert_eq!(noise.after_losing(2), MotionNoise { translation: 0.06, rotation: 1.4 });
+        let most = MotionNoise { translation: 0.2, rotation: 2.0 };
+        assert_eq!(noise.after_losing(u16::MAX), most);
+        let huge = MotionNoise { translation: 1.0, rotation: 9.0 };
+        assert_eq!(huge.after_losing(5), huge);
     }
 }

@@ -3,6 +3,7 @@
 use crate::math;
 use crate::random::Random;
 use crate::space::{self, Pose, Space};
+use crate::track::{Modes, Separation};
 
 /// `N` poses with weights that sum to one.
 #[derive(Clone, Debug)]
@@ -47,39 +48,35 @@ impl<S: Space, const N: usize> Particles<S, N> {
     /// Multiplies every weight by exp(`log_likelihood`(pose)) and normalises (Algorithm 3.1,
     /// corrected: earlier weights count). `None` marks a pose as impossible. When all are
     /// impossible nothing changes and the answer is false.
-    pub fn weigh(&mut self, mut log_likelihood: impl FnMut(&S::Pose) -> Option<f32>) -> bool {
-        let mut greatest = f32::NEG_INFINITY;
+    pub fn weigh(&mut self, log_likelihood: impl FnMut(&S::Pose) -> Option<f32>) -> bool {
+        self.compare(log_likelihood).is_some() && self.accept()
+    }
+
+    /// Log likelihoods of all poses, kept for [`accept`](Self::accept); the pose that is most
+    /// probable with them, or `None` when all are impossible.
+    pub fn compare(
+        &mut self,
+        mut log_likelihood: impl FnMut(&S::Pose) -> Option<f32>,
+    ) -> Option<S::Pose> {
+        let mut best = (f32::NEG_INFINITY, None);
         for ((pose, weight), log) in self.poses.iter().zip(&self.weights).zip(&mut self.scratch) {
-            *log = match log_likelihood(pose) {
-                Some(l) if l.is_finite() => l + math::ln(*weight),
-                _ => f32::NEG_INFINITY,
-            };
-            greatest = greatest.max(*log);
+            *log = log_likelihood(pose).unwrap_or(f32::NEG_INFINITY);
+            let both = *log + math::ln(*weight);
+            if both > best.0 {
+                best = (both, Some(*pose));
+            }
         }
-        if greatest == f32::NEG_INFINITY {
-            return false;
-        }
-        let mut total = 0.0;
-        for (weight, log) in self.weights.iter_mut().zip(&self.scratch) {
-            let below = log - greatest;
-            // e⁻⁸⁰ of the heaviest is nothing, and `exp` never reaches zero by itself.
-            *weight = if below > -80.0 { math::exp(below) } else { 0.0 };
-            total += *weight;
-        }
-        let scale = 1.0 / total;
-        for weight in &mut self.weights {
-            *weight *= scale;
-        }
-        true
+        best.1
+    }
+
+    /// Multiplies the weights by what [`compare`](Self::compare) found; once.
+    pub fn accept(&mut self) -> bool {
+        multiply(&mut self.weights, &mut self.scratch)
     }
 
     /// Effective number of particles 1/Σw², from 1 to `N`.
     pub fn effective(&self) -> f32 {
-        let mut sum = 0.0;
-        for w in &self.weights {
-            sum += w * w;
-        }
-        1.0 / sum
+        effective(&self.weights)
     }
 
     /// Weighted mean on the manifold and covariance in its tangent coordinates.
@@ -94,44 +91,106 @@ impl<S: Space, const N: usize> Particles<S, N> {
         space::mean::<S>(weighted, self.poses[heaviest])
     }
 
+    /// The poses held possible.
+    pub fn modes(&self, separation: &Separation) -> Modes<S> {
+        Modes::of(self.weights.iter().copied().zip(self.poses.iter().copied()), separation)
+    }
+
+    /// The same of the particles within `separation` of `pose` alone.
+    pub fn mean_near(&self, pose: S::Pose, separation: &Separation) -> (S::Pose, S::Covariance) {
+        let near = self.weights.iter().copied().zip(self.poses.iter().copied());
+        let near = near.filter(|(_, other)| separation.between::<S>(&pose, other) < 1.0);
+        space::mean::<S>(near, pose)
+    }
+
     /// Systematic resampling in place: every particle gets as many children as its weight earns,
     /// ±1, and equal weights follow.
     pub fn resample(&mut self, random: &mut Random) {
-        let count = N as f32;
-        let mut comb = random.uniform();
-        let mut cumulative = 0.0;
-        let mut drawn = 0;
-        for (weight, children) in self.weights.iter().zip(&mut self.scratch) {
-            cumulative += weight * count;
-            *children = 0.0;
-            while comb <= cumulative && drawn < N {
-                *children += 1.0;
-                comb += 1.0;
-                drawn += 1;
-            }
-        }
-        // Rounding may leave the last teeth of the comb beyond the sum: they are the last's.
-        if drawn < N
-            && let Some(last) = self.scratch.iter().rposition(|&children| children > 0.0)
-        {
-            self.scratch[last] += (N - drawn) as f32;
-        }
-        let mut vacant = 0;
-        for parent in 0..N {
-            while self.scratch[parent] > 1.0 {
-                while vacant < N && self.scratch[vacant] != 0.0 {
-                    vacant += 1;
-                }
-                if vacant == N {
-                    break;
-                }
-                self.poses[vacant] = self.poses[parent];
-                self.scratch[vacant] = 1.0;
-                self.scratch[parent] -= 1.0;
-            }
-        }
-        self.weights.fill(1.0 / count);
+        let poses = &mut self.poses;
+        resample(&mut self.weights, &mut self.scratch, random, |from, to| poses[to] = poses[from]);
     }
+}
+
+/// Multiplies every weight by the exponential of its logarithm in `logs` and normalises; what is not
+/// finite counts as impossible. When all are impossible nothing changes and the answer is false.
+/// Leaves `logs` spoilt.
+pub(super) fn multiply(weights: &mut [f32], logs: &mut [f32]) -> bool {
+    let mut greatest = f32::NEG_INFINITY;
+    for (weight, log) in weights.iter().zip(logs.iter_mut()) {
+        *log = if log.is_finite() { *log + math::ln(*weight) } else { f32::NEG_INFINITY };
+        greatest = greatest.max(*log);
+    }
+    if greatest == f32::NEG_INFINITY {
+        return false;
+    }
+    let mut total = 0.0;
+    for (weight, log) in weights.iter_mut().zip(logs.iter()) {
+        let below = log - greatest;
+        // e⁻⁸⁰ of the heaviest is nothing, and `exp` never reaches zero by itself.
+        *weight = if below > -80.0 { math::exp(below) } else { 0.0 };
+        total += *weight;
+    }
+    let scale = 1.0 / total;
+    for weight in weights {
+        *weight *= scale;
+    }
+    true
+}
+
+/// Effective number of particles 1/Σw², from 1 to their number.
+pub(super) fn effective(weights: &[f32]) -> f32 {
+    let mut sum = 0.0;
+    for w in weights {
+        sum += w * w;
+    }
+    1.0 / sum
+}
+
+/// Systematic resampling in place: every particle gets as many children as its weight earns, ±1, and
+/// equal weights follow. `copy(from, to)` puts a child of one particle in the place of another that
+/// has none; parents stay where they are. `children` is room for as many numbers as there are
+/// weights.
+pub(super) fn resample(
+    weights: &mut [f32],
+    children: &mut [f32],
+    random: &mut Random,
+    mut copy: impl FnMut(usize, usize),
+) {
+    let number = weights.len().min(children.len());
+    let count = number as f32;
+    let mut comb = random.uniform();
+    let mut cumulative = 0.0;
+    let mut drawn = 0;
+    for (weight, children) in weights.iter().zip(children.iter_mut()) {
+        cumulative += weight * count;
+        *children = 0.0;
+        while comb <= cumulative && drawn < number {
+            *children += 1.0;
+            comb += 1.0;
+            drawn += 1;
+        }
+    }
+    // Rounding may leave the last teeth of the comb beyond the sum: they are the last's.
+    if drawn < number
+        && let Some(last) = children.iter().rposition(|&children| children > 0.0)
+    {
+        children[last] += (number - drawn) as f32;
+    }
+    let mut vacant = 0;
+    for parent in 0..number {
+        while children[parent] > 1.0 {
+            while vacant < number && children[vacant] != 0.0 {
+                vacant += 1;
+            }
+            if vacant == number {
+                break;
+            }
+            copy(parent, vacant);
+            children[vacant] = 1.0;
+            children[parent] -= 1.0;
+        }
+    }
+    weights.fill(1.0 / count);
 }
 
 impl<S: Space, const N: usize> Default for Particles<S, N> {

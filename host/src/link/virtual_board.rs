@@ -5,8 +5,8 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use tactile_core::device::{
-    Board, Device, Onboard, PlanarDevice, PlanarHypothesesDevice, SpatialDevice,
-    SpatialHypothesesDevice, Vitals,
+    Board, Device, Onboard, PlanarDevice, PlanarHypothesesDevice, PlanarRaoBlackwellDevice,
+    SpatialDevice, SpatialHypothesesDevice, SpatialRaoBlackwellDevice, Vitals,
 };
 use tactile_core::wire::{BoardKind, TrackerKind, WireSpace};
 
@@ -62,6 +62,8 @@ pub fn start(dimension: usize, tracker: TrackerKind) -> Option<Box<dyn Link>> {
         (3, TrackerKind::Bootstrap) => on(SpatialDevice::START),
         (2, TrackerKind::Hypotheses) => on(PlanarHypothesesDevice::START),
         (3, TrackerKind::Hypotheses) => on(SpatialHypothesesDevice::START),
+        (2, TrackerKind::RaoBlackwell) => on(PlanarRaoBlackwellDevice::START),
+        (3, TrackerKind::RaoBlackwell) => on(SpatialRaoBlackwellDevice::START),
         _ => None,
     }
 }

@@ -7,7 +7,9 @@ use tactile_core::space::{Planar, Spatial};
 use tactile_core::surface::cholesky::packed;
 use tactile_core::surface::{Ball, Gpis, Matern32, Prior, Training};
 use tactile_core::track::hypotheses::{self, Hypotheses};
-use tactile_core::track::{Bootstrap, Estimate, MotionNoise, Settings, Status, Tracker};
+use tactile_core::track::{
+    Bootstrap, Estimate, MotionNoise, RaoBlackwell, Settings, Status, Tracker,
+};
 use tactile_core::wire::TrackerKind;
 
 use crate::log::{GraspLog, LoggedGrasp, Noise};
@@ -122,6 +124,8 @@ pub enum Kind {
     Bootstrap,
     /// Multi-hypothesis iterated Kalman filter over pose and faces
     Hypotheses,
+    /// Rao-Blackwellised particle filter: 64 particles, each with its own faces
+    RaoBlackwell,
 }
 
 impl Kind {
@@ -130,6 +134,7 @@ impl Kind {
         match self {
             Kind::Bootstrap => "bootstrap",
             Kind::Hypotheses => "hypotheses",
+            Kind::RaoBlackwell => "rao-blackwell",
         }
     }
 
@@ -138,6 +143,7 @@ impl Kind {
         match self {
             Kind::Bootstrap => Some(TrackerKind::Bootstrap),
             Kind::Hypotheses => Some(TrackerKind::Hypotheses),
+            Kind::RaoBlackwell => Some(TrackerKind::RaoBlackwell),
         }
     }
 
@@ -147,6 +153,7 @@ impl Kind {
         match self {
             Kind::Bootstrap => bootstrap(log, &settings(log, seed)),
             Kind::Hypotheses => several_hypotheses(log, settings(log, seed).motion),
+            Kind::RaoBlackwell => rao_blackwell(log, &settings(log, seed)),
         }
     }
 }
@@ -199,6 +206,28 @@ pub fn several_hypotheses(log: &GraspLog, motion: MotionNoise) -> Vec<Step> {
     } else {
         let mut tracker = Box::new(SpatialHypotheses::new());
         tracker.configure(settings);
+        follow(&mut *tracker, log)
+    }
+}
+
+/// Particles of the Rao-Blackwellised filter, faces that each can have, and grasps whose poses it
+/// can still correct.
+const FACED_PARTICLES: usize = 64;
+const PLANAR_FACES: usize = 16;
+const SPATIAL_FACES: usize = 16;
+const HISTORY: usize = 256;
+
+/// Follows the object through the log with the Rao-Blackwellised particle filter.
+fn rao_blackwell(log: &GraspLog, settings: &Settings) -> Vec<Step> {
+    if log.dimension == 2 {
+        type Filter = RaoBlackwell<Planar, FACED_PARTICLES, PLANAR_FACES, HISTORY>;
+        let mut tracker = Box::new(Filter::new());
+        tracker.configure(settings.motion, settings.seed);
+        follow(&mut *tracker, log)
+    } else {
+        type Filter = RaoBlackwell<Spatial, FACED_PARTICLES, SPATIAL_FACES, HISTORY>;
+        let mut tracker = Box::new(Filter::new());
+        tracker.configure(settings.motion, settings.seed);
         follow(&mut *tracker, log)
     }
 }
