@@ -216,9 +216,8 @@ fn compare_shapes(args: &ReproduceArgs) -> Result<(), Error> {
         seeds: args.seeds(),
         first_seed: first_seed.unwrap_or(0),
     };
-    tell(args, shapes::heading());
-    let progress = |row: &shapes::Row| tell(args, row);
-    let table = shapes::run(data().as_deref(), &selection, progress).map_err(Error::input)?;
+    let rows = watch(args, shapes::heading());
+    let table = shapes::run(data().as_deref(), &selection, rows).map_err(Error::input)?;
     conclude(args, &Outcome::new(SHAPES, &table, None)?)
 }
 
@@ -248,12 +247,12 @@ fn compare_trackers(args: &ReproduceArgs) -> Result<(), Error> {
         first_seed: first_seed.unwrap_or(0),
     };
     if args.name == CONSISTENCY {
-        tell(args, consistency::heading());
-        let table = consistency::run(&selection, |row| tell(args, row)).map_err(Error::input)?;
+        let rows = watch(args, consistency::heading());
+        let table = consistency::run(&selection, rows).map_err(Error::input)?;
         return conclude(args, &Outcome::new(CONSISTENCY, &table, None)?);
     }
-    tell(args, tracking::heading());
-    let table = tracking::run(&selection, |row| tell(args, row)).map_err(Error::input)?;
+    let rows = watch(args, tracking::heading());
+    let table = tracking::run(&selection, rows).map_err(Error::input)?;
     conclude(args, &Outcome::new(TRACKING, &table, None)?)
 }
 
@@ -265,16 +264,22 @@ fn follow_recordings(args: &ReproduceArgs) -> Result<(), Error> {
         contenders: tracker.clone(),
         seeds: args.seeds(),
     };
-    tell(args, mujoco::heading());
-    let table =
-        mujoco::run(data().as_deref(), &selection, |row| tell(args, row)).map_err(Error::input)?;
+    let rows = watch(args, mujoco::heading());
+    let table = mujoco::run(data().as_deref(), &selection, rows).map_err(Error::input)?;
     conclude(args, &Outcome::new(MUJOCO, &table, None)?)
 }
 
-/// Says how far a long comparison is to whoever watches.
-fn tell(args: &ReproduceArgs, line: impl Display) {
-    if !args.json {
-        eprintln!("{line}");
+/// Shows the rows of a long comparison to whoever watches, as they are done.
+fn watch<R: Display>(args: &ReproduceArgs, heading: String) -> impl FnMut(&R) {
+    let mut heading = (!args.json).then_some(heading);
+    let quiet = args.json;
+    move |row| {
+        if let Some(heading) = heading.take() {
+            eprintln!("{heading}");
+        }
+        if !quiet {
+            eprintln!("{row}");
+        }
     }
 }
 

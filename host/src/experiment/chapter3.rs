@@ -311,8 +311,11 @@ fn bootstrap<const PARTICLES: usize>(log: &GraspLog, seed: u64) -> Vec<Step> {
     follow(&mut *tracker, log)
 }
 
-/// Numbers of particles, and the core's filter of that size.
-const SIZES: [(usize, fn(&GraspLog, u64) -> Vec<Step>); 6] = [
+/// The core's bootstrap filter of one size.
+type Filter = fn(&GraspLog, u64) -> Vec<Step>;
+
+/// Numbers of particles, and the filter of that size.
+const SIZES: [(usize, Filter); 6] = [
     (250, bootstrap::<250>),
     (500, bootstrap::<500>),
     (1000, bootstrap::<1000>),
