@@ -1,0 +1,198 @@
+//! From optima to modes: refined on the exact surface, completed by symmetry, joined where no
+//! barrier parts them, and weighed.
+
+use nalgebra::{Matrix6, SymmetricEigen, UnitQuaternion, Vector6};
+use rayon::prelude::*;
+
+use super::likelihood::Evidence;
+use super::search::{Candidate, apart, best_first, descend, distinct};
+use super::{Exact, Surface};
+use crate::space::{Point, Pose};
+
+/// Optima less likely than the best by more than this are no modes, nats.
+const WINDOW: f64 = 8.0;
+
+/// Most modes that are told apart.
+pub(super) const MOST: usize = 64;
+
+/// Steps on the exact surface.
+const STEPS: usize = 12;
+
+/// Two optima are one mode when the way between them costs no more than this above the worse of
+/// them, nats.
+const BARRIER: f64 = 2.0;
+
+/// Places looked at on that way.
+const STATIONS: usize = 9;
+
+/// Modes whose relative motions are tried on all others.
+const GENERATORS: usize = 8;
+
+/// Optima as likely as each other within this are taken for images under a symmetry, nats.
+const EQUAL: f64 = 1.0;
+
+/// A pose (world to object) that stands for all around it, with its part of the belief.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Weighed {
+    pub seen: Pose,
+    pub weight: f64,
+}
+
+/// The modes, heaviest first, their weights summing to one, and the factor on the stated deviations
+/// that they were weighed with.
+pub(super) fn modes<S: Surface>(
+    grid: &S,
+    exact: &Exact<'_>,
+    evidence: &Evidence,
+    mut optima: Vec<Candidate>,
+    scale: f64,
+) -> (Vec<Weighed>, f64) {
+    // The grid is coarse: twice the window, until the exact surface has its say.
+    within(&mut optima, 2.0 * WINDOW);
+    optima = refined(exact, evidence, &optima, scale);
+    let Some(best) = optima.first() else { return (Vec::new(), scale) };
+    let scale = evidence.scale(exact, &best.seen);
+    optima = refined(exact, evidence, &optima, scale);
+    within(&mut optima, WINDOW);
+    complete(grid, exact, evidence, &mut optima, scale);
+    within(&mut optima, WINDOW);
+    let apart = separate(grid, evidence, &optima, scale);
+    (weighed(exact, evidence, &apart, scale), scale)
+}
+
+/// Keeps what is at most `window` nats less likely than the first; the order is by likelihood.
+fn within(optima: &mut Vec<Candidate>, window: f64) {
+    best_first(optima);
+    if let Some(best) = optima.first().map(|c| c.nats) {
+        optima.retain(|c| c.nats <= best + window);
+    }
+}
+
+fn refined(
+    exact: &Exact<'_>,
+    evidence: &Evidence,
+    optima: &[Candidate],
+    scale: f64,
+) -> Vec<Candidate> {
+    let descend = |c: &Candidate| descend(exact, evidence, &c.seen, scale, STEPS);
+    let mut refined: Vec<Candidate> = optima.par_iter().map(descend).collect();
+    best_first(&mut refined);
+    distinct(&mut refined, evidence, MOST);
+    refined
+}
+
+/// The optima of a symmetric object come in groups: what takes one of the best to another is tried
+/// on all, until nothing new is found.
+fn complete<S: Surface>(
+    grid: &S,
+    exact: &Exact<'_>,
+    evidence: &Evidence,
+    optima: &mut Vec<Candidate>,
+    scale: f64,
+) {
+    let Some(best) = optima.first().copied() else { return };
+    let equal = |c: &&Candidate| c.nats <= best.nats + EQUAL;
+    let generators: Vec<Pose> = optima
+        .iter()
+        .filter(equal)
+        .skip(1)
+        .take(GENERATORS)
+        .map(|c| c.seen * best.seen.inverse())
+        .collect();
+    let mut next = 0;
+    while next < optima.len() && optima.len() < MOST {
+        let from = optima[next];
+        next += 1;
+        if !equal(&&from) {
+            continue;
+        }
+        for generator in &generators {
+            let seen = generator * from.seen;
+            let known = |c: &Candidate| apart(evidence, &c.seen, &seen) < 0.05 * evidence.radius;
+            if optima.iter().any(known) || optima.len() >= MOST {
+                continue;
+            }
+            // Cheap first: most are no symmetry.
+            if evidence.nats(grid, &seen, scale) > best.nats + 4.0 * WINDOW {
+                continue;
+            }
+            let found = descend(exact, evidence, &seen, scale, STEPS);
+            let known = |c: &Candidate| apart(evidence, &c.seen, &found.seen);
+            if found.nats <= best.nats + WINDOW
+                && optima.iter().all(|c| known(c) > 0.05 * evidence.radius)
+            {
+                optima.push(found);
+            }
+        }
+    }
+}
+
+/// One optimum, the best, of each set that no barrier parts.
+fn separate<S: Surface>(
+    grid: &S,
+    evidence: &Evidence,
+    optima: &[Candidate],
+    scale: f64,
+) -> Vec<Candidate> {
+    // The grid's own errors must not look like barriers: ways are compared with their ends on it.
+    let ends: Vec<f64> = optima.iter().map(|c| evidence.nats(grid, &c.seen, scale)).collect();
+    let mut group: Vec<usize> = (0..optima.len()).collect();
+    for b in 0..optima.len() {
+        for a in 0..b {
+            if group[a] == group[b] {
+                continue;
+            }
+            let allowed = ends[a].max(ends[b]) + BARRIER;
+            let open = (1..=STATIONS).all(|k| {
+                let part = k as f64 / (STATIONS + 1) as f64;
+                let seen = between(evidence, &optima[a].seen, &optima[b].seen, part);
+                evidence.nats(grid, &seen, scale) <= allowed
+            });
+            if open {
+                let (keep, gone) = (group[a].min(group[b]), group[a].max(group[b]));
+                group.iter_mut().filter(|g| **g == gone).for_each(|g| *g = keep);
+            }
+        }
+    }
+    // Groups are named after their first member, which is their best.
+    let first = |(k, _): &(usize, &Candidate)| group[*k] == *k;
+    optima.iter().enumerate().filter(first).map(|(_, c)| *c).collect()
+}
+
+/// The pose a part of the way from `a` to `b`: the centre moves straight, turning evenly.
+fn between(evidence: &Evidence, a: &Pose, b: &Pose, part: f64) -> Pose {
+    let motion = b * a.inverse();
+    let centre = nalgebra::Point3::from(evidence.centre);
+    let shift = motion * centre - centre;
+    let turn: Point = UnitQuaternion::scaled_axis(&motion.rotation) * evidence.radius;
+    evidence.moved(a, &(Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z) * part))
+}
+
+/// Laplace's approximation: likelihood times the volume of the optimum, which no direction makes
+/// wider than the object.
+fn weighed(
+    exact: &Exact<'_>,
+    evidence: &Evidence,
+    optima: &[Candidate],
+    scale: f64,
+) -> Vec<Weighed> {
+    let widest = 1.0 / (evidence.radius * evidence.radius);
+    let log_volume = |information: Matrix6<f64>| -> f64 {
+        let eigen = SymmetricEigen::new(information).eigenvalues;
+        eigen.iter().map(|x| -0.5 * x.max(widest).ln()).sum()
+    };
+    let logs: Vec<f64> = optima
+        .par_iter()
+        .map(|c| log_volume(evidence.information(exact, &c.seen, scale)) - c.nats)
+        .collect();
+    let greatest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let parts: Vec<f64> = logs.iter().map(|l| (l - greatest).exp()).collect();
+    let total: f64 = parts.iter().sum();
+    let mut weighed: Vec<Weighed> = optima
+        .iter()
+        .zip(parts)
+        .map(|(c, part)| Weighed { seen: c.seen, weight: part / total })
+        .collect();
+    weighed.sort_by(|a, b| b.weight.total_cmp(&a.weight));
+    weighed
+}
