@@ -89,7 +89,7 @@ pub fn run(args: &LocalizeArgs) -> Result<(), Error> {
             "reading_seconds": reading,
             "contacts": contacts.len(),
             "normals": contacts.iter().filter(|c| c.normal.is_some()).count(),
-            "noise_factor": found.scale,
+            "misfit": found.misfit,
             "modes": found.modes.iter().map(mode).collect::<Vec<_>>(),
             "more_modes": found.more,
             "unobservable": found.freedoms.iter().map(freedom).collect::<Vec<_>>(),
@@ -141,9 +141,9 @@ fn told(
         1e3 * seconds,
         1e3 * reading
     );
-    if found.scale > 1.0 {
-        let scale = found.scale;
-        text += &format!("they fit {scale:.1} times worse than their stated deviations\n");
+    if found.misfit > 2.0 {
+        let misfit = found.misfit;
+        text += &format!("they fit worse than their deviations promise, by a factor {misfit:.1}\n");
     }
     text += "  weight   mean mm   x y z mm                     rotation x y z w\n";
     for mode in found.modes.iter().take(SHOWN) {

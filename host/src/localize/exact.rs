@@ -25,12 +25,18 @@ impl<'a> Exact<'a> {
 
 impl Surface for Exact<'_> {
     fn near(&self, point: &Point) -> Near {
-        let (closest, face) = self.mesh.nearest(point).unwrap_or((*point, 0));
-        let normal = self.normals.get(face).copied().unwrap_or_default();
+        let (closest, place) = self.mesh.nearest(point).unwrap_or((*point, 0));
         let away = point - closest;
         let distance = away.norm();
-        // On the surface the distance grows along the normal.
-        let gradient = if distance > 1e-9 { away / distance } else { normal };
-        Near { distance, gradient, normal }
+        let mut near = Near { distance, gradient: away / distance, place };
+        if distance < 1e-9 {
+            // On the surface the distance grows along the normal.
+            near.gradient = self.normal(&near);
+        }
+        near
+    }
+
+    fn normal(&self, near: &Near) -> Point {
+        self.normals.get(near.place).copied().unwrap_or_default()
     }
 }

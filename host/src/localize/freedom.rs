@@ -44,15 +44,15 @@ pub(super) fn freedoms<S: Surface>(
     surface: &S,
     evidence: &Evidence,
     seen: &Pose,
-    scale: f64,
+    misfit: f64,
 ) -> Vec<Freedom> {
-    let eigen = SymmetricEigen::new(evidence.information(surface, seen, scale));
+    let eigen = SymmetricEigen::new(evidence.information(surface, seen, misfit));
     let mut order: Vec<usize> = (0..6).collect();
     order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
     let weak = 1.0 / (WEAK * evidence.radius).powi(2);
     let follow = |k: usize| {
         let valley: Vector6<f64> = eigen.eigenvectors.column(k).into_owned();
-        let free = |way: f64| leads_away(surface, evidence, seen, &(valley * way), scale);
+        let free = |way: f64| leads_away(surface, evidence, seen, &(valley * way), misfit);
         (eigen.eigenvalues[k] < weak && free(1.0) && free(-1.0)).then(|| named(evidence, &valley))
     };
     order.into_iter().filter_map(follow).collect()
@@ -65,20 +65,20 @@ fn leads_away<S: Surface>(
     evidence: &Evidence,
     seen: &Pose,
     valley: &Vector6<f64>,
-    scale: f64,
+    misfit: f64,
 ) -> bool {
-    let allowed = evidence.nats(surface, seen, scale) + COST;
+    let allowed = evidence.nats(surface, seen, 1.0) + COST * misfit;
     let stride = valley * (REACH * evidence.radius / STEPS as f64);
     let mut seen = *seen;
     for _ in 0..STEPS {
         seen = evidence.moved(&seen, &stride);
-        let here = evidence.about(surface, &seen, scale);
+        let here = evidence.about(surface, &seen, 1.0);
         let mut nats = here.nats;
         if let Some(back) = here.step_across(valley)
             && back.norm() < REACH * evidence.radius
         {
             let tried = evidence.moved(&seen, &back);
-            let better = evidence.nats(surface, &tried, scale);
+            let better = evidence.nats(surface, &tried, 1.0);
             if better < nats {
                 (seen, nats) = (tried, better);
             }

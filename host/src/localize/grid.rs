@@ -5,9 +5,9 @@ use super::{Near, Surface};
 use crate::shape::Mesh;
 use crate::space::Point;
 
-/// About so many cells, whatever the shape of the box: 16 to 36 along each side of a compact
-/// object, 1.6 MB.
-const CELLS: f64 = 40_000.0;
+/// About so many cells, whatever the shape of the box: about 30 along each side of a compact object.
+/// At 16 bytes each, half a megabyte: what a core's cache holds.
+const CELLS: f64 = 30_000.0;
 
 /// The grid reaches this part of the mesh's longest side beyond it, on every side. Farther out the
 /// outermost cells are extrapolated.
@@ -16,12 +16,11 @@ const MARGIN: f64 = 0.08;
 /// No cell.
 const NOWHERE: u32 = u32::MAX;
 
-/// Distance, its gradient and the nearest face's normal at the centre of a cell.
+/// What the distance is about the centre of a cell: `offset` + gradient · point.
 #[derive(Clone, Copy)]
 struct Cell {
-    distance: f32,
     gradient: [f32; 3],
-    normal: [f32; 3],
+    offset: f32,
 }
 
 /// Distances to a mesh on a grid.
@@ -34,6 +33,8 @@ pub struct Grid {
     per_metre: f64,
     counts: [usize; 3],
     cells: Vec<Cell>,
+    /// Of the face nearest to each cell.
+    normals: Vec<[f32; 3]>,
 }
 
 /// A triangle: a corner, the sides from it, and its unit normal.
@@ -65,28 +66,30 @@ impl Grid {
         };
         sweep.seed();
         sweep.spread();
-        let cells = sweep.cells();
-        Grid { low, per_metre: 1.0 / spacing, counts, cells }
+        let (cells, normals) = sweep.cells();
+        Grid { low, per_metre: 1.0 / spacing, counts, cells, normals }
     }
 }
 
 impl Surface for Grid {
     #[inline]
     fn near(&self, point: &Point) -> Near {
-        let offset = (point - self.low) * self.per_metre;
-        let at = |axis: usize| (offset[axis].max(0.0) as usize).min(self.counts[axis] - 1);
-        let (i, j, k) = (at(0), at(1), at(2));
-        let cell = &self.cells[(k * self.counts[1] + j) * self.counts[0] + i];
-        let spacing = 1.0 / self.per_metre;
-        let centre = Point::new(i as f64 + 0.5, j as f64 + 0.5, k as f64 + 0.5);
-        let from = (offset - centre) * spacing;
-        let gradient = cell.gradient.map(f64::from);
-        let gradient = Point::from(gradient);
-        Near {
-            distance: f64::from(cell.distance) + gradient.dot(&from),
-            gradient,
-            normal: Point::from(cell.normal.map(f64::from)),
-        }
+        // The cast takes what is below the grid, and NaN, to its first cells.
+        let at = |axis: usize| {
+            let place = (point[axis] - self.low[axis]) * self.per_metre;
+            (place as usize).min(self.counts[axis] - 1)
+        };
+        let place = (at(2) * self.counts[1] + at(1)) * self.counts[0] + at(0);
+        let Cell { gradient: [x, y, z], offset } = self.cells[place];
+        let gradient = Point::new(x.into(), y.into(), z.into());
+        let along = gradient.x * point.x + gradient.y * point.y + gradient.z * point.z;
+        Near { distance: f64::from(offset) + along, gradient, place }
+    }
+
+    #[inline]
+    fn normal(&self, near: &Near) -> Point {
+        let [x, y, z] = self.normals[near.place];
+        Point::new(x.into(), y.into(), z.into())
     }
 }
 
@@ -197,21 +200,42 @@ impl Sweep<'_> {
 
     /// Hands nearest faces on along the axes, once in each of the eight directions.
     fn spread(&mut self) {
-        let counts = self.counts;
+        let [nx, ny, nz] = self.counts;
+        let strides = [1, nx, nx * ny];
         for direction in 0..8usize {
             let walk = |axis: usize, step: usize| match direction >> axis & 1 {
                 0 => step,
-                _ => counts[axis] - 1 - step,
+                _ => self.counts[axis] - 1 - step,
             };
-            for k in 0..counts[2] {
-                for j in 0..counts[1] {
-                    for i in 0..counts[0] {
-                        let cell = [walk(0, i), walk(1, j), walk(2, k)];
-                        for (axis, step) in [i, j, k].into_iter().enumerate() {
-                            if step > 0 {
-                                let mut from = cell;
-                                from[axis] = walk(axis, step - 1);
-                                self.hand_on(from, cell);
+            let back = |axis: usize, at: usize| match direction >> axis & 1 {
+                0 => at - strides[axis],
+                _ => at + strides[axis],
+            };
+            for c in 0..nz {
+                for b in 0..ny {
+                    for a in 0..nx {
+                        let cell = [walk(0, a), walk(1, b), walk(2, c)];
+                        let here = self.index(cell);
+                        let centre = self.centre(cell);
+                        for (axis, step) in [a, b, c].into_iter().enumerate() {
+                            if step == 0 {
+                                continue;
+                            }
+                            let there = back(axis, here);
+                            // A bound that costs nothing; only a face that passes it is asked.
+                            let bound = (centre - self.closest[there]).norm_squared();
+                            if bound < self.squared[here]
+                                && self.nearest[there] != self.nearest[here]
+                                && self.nearest[there] != NOWHERE
+                            {
+                                let face = self.nearest[there];
+                                let closest = self.faces[face as usize].closest(&centre);
+                                let squared = (centre - closest).norm_squared();
+                                if squared < self.squared[here] {
+                                    self.nearest[here] = face;
+                                    self.closest[here] = closest;
+                                    self.squared[here] = squared;
+                                }
                             }
                         }
                     }
@@ -220,22 +244,10 @@ impl Sweep<'_> {
         }
     }
 
-    fn hand_on(&mut self, from: [usize; 3], to: [usize; 3]) {
-        let (there, here) = (self.index(from), self.index(to));
-        let face = self.nearest[there];
-        if face == NOWHERE || face == self.nearest[here] {
-            return;
-        }
-        // A bound that costs nothing; only a face that passes it is asked.
-        let bound = (self.centre(to) - self.closest[there]).norm_squared();
-        if bound < self.squared[here] {
-            self.offer(to, face);
-        }
-    }
-
-    fn cells(&self) -> Vec<Cell> {
+    fn cells(&self) -> (Vec<Cell>, Vec<[f32; 3]>) {
         let [nx, ny, nz] = self.counts;
         let mut cells = Vec::with_capacity(self.nearest.len());
+        let mut normals = Vec::with_capacity(self.nearest.len());
         for k in 0..nz {
             for j in 0..ny {
                 for i in 0..nx {
@@ -246,15 +258,14 @@ impl Sweep<'_> {
                     let distance = away.norm();
                     let on = distance < 1e-6 * self.spacing;
                     let gradient = if on { normal } else { away / distance };
-                    cells.push(Cell {
-                        distance: distance as f32,
-                        gradient: gradient.map(|x| x as f32).into(),
-                        normal: normal.map(|x| x as f32).into(),
-                    });
+                    // The distance is zero at the nearest point and grows along the gradient.
+                    let offset = -gradient.dot(&self.closest[at]) as f32;
+                    cells.push(Cell { gradient: gradient.map(|x| x as f32).into(), offset });
+                    normals.push(normal.map(|x| x as f32).into());
                 }
             }
         }
-        cells
+        (cells, normals)
     }
 }
 

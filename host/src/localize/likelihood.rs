@@ -1,24 +1,21 @@
 //! How likely contacts are on an object at a pose, and which small motion makes them likelier.
 //!
-//! With d the distance of contact i from the surface and σ its standard deviation, the contact
-//! costs (ν+1)/2 · ln(1 + d²/νσ²) nats: Student's t distribution, Gaussian at heart with tails for
-//! wild points, which pull the less the farther they are. A measured normal costs
-//! (ν+2)/2 · ln(1 + e²/νσ_θ²) beside it, e the chord between it and the face's normal.
+//! With u the distance of a contact from the surface in its standard deviations, the contact costs
+//! h(u) = 4(√(1 + u²/4) − 1) nats: u²/2 where contacts fit, 2|u| far beyond, the hyperbolic
+//! distribution (Barndorff-Nielsen 1977). Contacts that fit as well as they say are weighed as
+//! Gaussian ones, and least squares of them sought; of contacts with errors nobody stated, a finger
+//! bent or a model that differs, the least mean distance; no contact pulls harder than two standard
+//! deviations' worth. A measured normal costs h(e/σ) beside that, e the chord between it and the
+//! face's normal.
 
 use nalgebra::{Matrix6, Vector6};
 
-use super::{Near, Surface};
+use super::Surface;
 use crate::reference::Contact;
 use crate::space::{Point, Pose};
 
-/// Degrees of freedom of the t distribution.
-const FREEDOM: f64 = 4.0;
-
 /// Normals are never taken to be worse than this, radians: farther off they would mean nothing.
 const LOOSEST: f64 = 0.7;
-
-/// Contacts whose factors are multiplied before a logarithm is taken.
-const CHUNK: usize = 16;
 
 /// What contacts say about the pose of one object.
 #[derive(Clone, Debug)]
@@ -35,7 +32,7 @@ pub(super) struct Evidence {
 /// frame: shift v, then turn u/radius about the centre, both metres.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Quadratic {
-    /// Negative logarithm of the likelihood, without what does not depend on the pose.
+    /// Negative logarithm of the likelihood, zero for contacts that fit exactly.
     pub nats: f64,
     /// Gauss–Newton approximation, per square metre.
     hessian: Matrix6<f64>,
@@ -43,82 +40,103 @@ pub(super) struct Quadratic {
     downhill: Vector6<f64>,
 }
 
+/// Rows below the diagonal of the second derivatives, one after the other.
+type Packed = [f64; 21];
+
 impl Evidence {
-    /// The contacts as they lie in the object frame: `seen` maps world to object.
-    fn placed(&self, seen: &Pose) -> impl Iterator<Item = (Point, &Contact)> {
-        let turn = seen.rotation.to_rotation_matrix().into_inner();
-        let shift = seen.translation.vector;
-        self.contacts.iter().map(move |c| (turn * c.point + shift, c))
+    /// The contacts as they lie in the object frame, normals turned too; `seen` maps world to
+    /// object.
+    #[inline]
+    fn placed(&self, seen: &Pose) -> impl Iterator<Item = (Point, Option<Point>, &Contact)> {
+        let m = seen.rotation.to_rotation_matrix().into_inner();
+        let t = seen.translation.vector;
+        // Written out: this is the innermost loop, and a matrix product is a call there.
+        let turned = move |p: &Point| {
+            let row = |i: usize| m[(i, 0)] * p.x + m[(i, 1)] * p.y + m[(i, 2)] * p.z;
+            Point::new(row(0), row(1), row(2))
+        };
+        self.contacts.iter().map(move |c| {
+            let y = turned(&c.point);
+            (Point::new(y.x + t.x, y.y + t.y, y.z + t.z), c.normal.as_ref().map(&turned), c)
+        })
     }
 
-    /// Negative logarithm of the likelihood when the deviations are `scale` times what they are
+    /// Negative logarithm of the likelihood when the deviations are `width` times what they are
     /// said to be; `seen` maps world to object.
-    pub fn nats<S: Surface>(&self, surface: &S, seen: &Pose, scale: f64) -> f64 {
-        let mut total = 0.0;
-        let (mut points, mut normals) = (1.0, 1.0);
-        for (k, (y, contact)) in self.placed(seen).enumerate() {
+    pub fn nats<S: Surface>(&self, surface: &S, seen: &Pose, width: f64) -> f64 {
+        let mut nats = 0.0;
+        for (y, normal, contact) in self.placed(seen) {
             let near = surface.near(&y);
-            points *= 1.0 + squared(near.distance, contact.point_deviation * scale) / FREEDOM;
-            if let Some(normal) = contact.normal {
-                let chord = (seen.rotation * normal - near.normal).norm();
-                normals *= 1.0 + squared(chord, loosened(contact, scale)) / FREEDOM;
-            }
-            if k % CHUNK == CHUNK - 1 {
-                total += logarithm(points, normals);
-                (points, normals) = (1.0, 1.0);
+            let deviation = contact.point_deviation * width;
+            nats += cost(near.distance * near.distance / (deviation * deviation)).0;
+            if let Some(normal) = normal {
+                let chord = (normal - surface.normal(&near)).norm_squared();
+                nats += cost(chord / loosened(contact, width).powi(2)).0;
             }
         }
-        total + logarithm(points, normals)
+        nats
     }
 
     /// The likelihood about `seen`.
-    pub fn about<S: Surface>(&self, surface: &S, seen: &Pose, scale: f64) -> Quadratic {
+    pub fn about<S: Surface>(&self, surface: &S, seen: &Pose, width: f64) -> Quadratic {
         let mut nats = 0.0;
-        let (mut points, mut normals) = (1.0, 1.0);
-        let mut hessian = Matrix6::zeros();
-        let mut downhill = Vector6::zeros();
-        for (k, (y, contact)) in self.placed(seen).enumerate() {
-            let Near { distance, gradient, normal } = surface.near(&y);
-            let variance = (contact.point_deviation * scale).powi(2);
-            let excess = distance * distance / variance;
-            points *= 1.0 + excess / FREEDOM;
-            let weight = (FREEDOM + 1.0) / (FREEDOM + excess) / variance;
-            let row = self.row(&y, &gradient);
+        let mut curvature: Packed = [0.0; 21];
+        let mut downhill = [0.0; 6];
+        for (y, normal, contact) in self.placed(seen) {
+            let near = surface.near(&y);
+            let deviation = contact.point_deviation * width;
+            let precision = 1.0 / (deviation * deviation);
+            let (costs, pull) = cost(near.distance * near.distance * precision);
+            nats += costs;
+            let weight = pull * precision;
+            let row = self.row(&y, &near.gradient);
+            let mut at = 0;
             for i in 0..6 {
                 let weighted = weight * row[i];
-                downhill[i] -= weighted * distance;
-                for j in i..6 {
-                    hessian[(j, i)] += weighted * row[j];
+                downhill[i] -= weighted * near.distance;
+                for j in 0..=i {
+                    curvature[at] += weighted * row[j];
+                    at += 1;
                 }
             }
-            if let Some(measured) = contact.normal {
-                let measured = seen.rotation * measured;
-                let variance = loosened(contact, scale).powi(2);
-                let excess = (measured - normal).norm_squared() / variance;
-                normals *= 1.0 + excess / FREEDOM;
-                let weight = (FREEDOM + 2.0) / (FREEDOM + excess) / variance;
+            if let Some(measured) = normal {
+                let normal = surface.normal(&near);
+                let precision = 1.0 / loosened(contact, width).powi(2);
+                let (costs, pull) = cost((measured - normal).norm_squared() * precision);
+                nats += costs;
+                let weight = pull * precision / self.radius;
                 let towards = measured.cross(&normal);
+                // Turning the normal leaves it where it is along itself.
+                let across = weight / self.radius;
                 for i in 0..3 {
-                    downhill[3 + i] += weight / self.radius * towards[i];
-                    for j in i..3 {
-                        let across = if i == j { 1.0 } else { 0.0 } - measured[i] * measured[j];
-                        hessian[(3 + j, 3 + i)] += weight / (self.radius * self.radius) * across;
+                    downhill[3 + i] += weight * towards[i];
+                    let first = (3 + i) * (4 + i) / 2 + 3;
+                    for j in 0..=i {
+                        curvature[first + j] -= across * measured[i] * measured[j];
                     }
+                    curvature[first + i] += across;
                 }
-            }
-            if k % CHUNK == CHUNK - 1 {
-                nats += logarithm(points, normals);
-                (points, normals) = (1.0, 1.0);
             }
         }
-        hessian.fill_upper_triangle_with_lower_triangle();
-        Quadratic { nats: nats + logarithm(points, normals), hessian, downhill }
+        let mut hessian = Matrix6::zeros();
+        let mut at = 0;
+        for i in 0..6 {
+            for j in 0..=i {
+                (hessian[(i, j)], hessian[(j, i)]) = (curvature[at], curvature[at]);
+                at += 1;
+            }
+        }
+        Quadratic { nats, hessian, downhill: Vector6::from(downhill) }
     }
 
     /// Of the distance of a contact at `y`, by shift and by turn.
+    #[inline]
     fn row(&self, y: &Point, gradient: &Point) -> [f64; 6] {
-        let turn = (y - self.centre).cross(gradient) / self.radius;
-        [gradient.x, gradient.y, gradient.z, turn.x, turn.y, turn.z]
+        let (c, g, part) = (&self.centre, gradient, 1.0 / self.radius);
+        let arm = [part * (y.x - c.x), part * (y.y - c.y), part * (y.z - c.z)];
+        let x = arm[1] * g.z - arm[2] * g.y;
+        let z = arm[0] * g.y - arm[1] * g.x;
+        [g.x, g.y, g.z, x, arm[2] * g.x - arm[0] * g.z, z]
     }
 
     /// `seen` after a motion of the contacts in the object frame.
@@ -134,19 +152,21 @@ impl Evidence {
     }
 
     /// Fisher information on the pose at `seen`, per square metre, see [`Quadratic`]: what the
-    /// contacts would say were all of them where the surface is.
-    pub fn information<S: Surface>(&self, surface: &S, seen: &Pose, scale: f64) -> Matrix6<f64> {
+    /// contacts would say were all of them where the surface is, with the [misfit](Self::misfit)
+    /// they have.
+    pub fn information<S: Surface>(&self, surface: &S, seen: &Pose, misfit: f64) -> Matrix6<f64> {
+        // Of a Gaussian with that variance, or of a Laplace distribution with that mean.
+        let worse = misfit.max(misfit * misfit / 4.0);
         let mut information = Matrix6::zeros();
-        for (y, contact) in self.placed(seen) {
+        for (y, _, contact) in self.placed(seen) {
             let near = surface.near(&y);
             let row = Vector6::from(self.row(&y, &near.gradient));
-            let share = (FREEDOM + 1.0) / (FREEDOM + 3.0);
-            let variance = (contact.point_deviation * scale).powi(2);
-            information.ger(share / variance, &row, &row, 1.0);
+            let weight = 1.0 / (contact.point_deviation.powi(2) * worse);
+            information.ger(weight, &row, &row, 1.0);
             if contact.normal.is_some() {
-                let share = (FREEDOM + 2.0) / (FREEDOM + 4.0);
-                let weight = share / (loosened(contact, scale) * self.radius).powi(2);
-                let across = nalgebra::Matrix3::identity() - near.normal * near.normal.transpose();
+                let weight = (contact.normal_deviation * self.radius).powi(-2) / worse;
+                let normal = surface.normal(&near);
+                let across = nalgebra::Matrix3::identity() - normal * normal.transpose();
                 let mut turns = information.fixed_view_mut::<3, 3>(3, 3);
                 turns += weight * across;
             }
@@ -156,27 +176,22 @@ impl Evidence {
 
     /// Unsigned distance of every contact at `seen`, metres.
     pub fn distances<S: Surface>(&self, surface: &S, seen: &Pose) -> Vec<f64> {
-        self.placed(seen).map(|(y, _)| surface.near(&y).distance.abs()).collect()
+        self.placed(seen).map(|(y, ..)| surface.near(&y).distance.abs()).collect()
     }
 
-    /// How much worse than said the contacts' distances are at `seen`: the maximum of the
-    /// likelihood over the scale, by expectation–maximisation, corrected for the six numbers that
-    /// were fitted. One where contacts are too few to tell, and never less.
-    pub fn scale<S: Surface>(&self, surface: &S, seen: &Pose) -> f64 {
-        let excess: Vec<f64> = self
-            .placed(seen)
-            .map(|(y, c)| squared(surface.near(&y).distance, c.point_deviation))
-            .collect();
-        let spare = excess.len() as f64 - 6.0;
+    /// By how much the cost of the contacts' distances at `seen` exceeds what their deviations
+    /// promise: the likeliest factor, corrected for the six numbers that were fitted; one nat then
+    /// is worth so much less. One where contacts are too few to tell, and never less.
+    pub fn misfit<S: Surface>(&self, surface: &S, seen: &Pose) -> f64 {
+        let spare = self.contacts.len() as f64 - 6.0;
         if spare < 4.0 {
             return 1.0;
         }
-        let mut variance = excess.iter().sum::<f64>() / spare;
-        for _ in 0..20 {
-            let weighted = |e: &f64| (FREEDOM + 1.0) * e / (FREEDOM + e / variance.max(1e-12));
-            variance = excess.iter().map(weighted).sum::<f64>() / spare;
-        }
-        variance.sqrt().max(1.0)
+        let slope = |(y, _, c): (Point, Option<Point>, &Contact)| {
+            let squared = (surface.near(&y).distance / c.point_deviation).powi(2);
+            squared * cost(squared).1
+        };
+        (self.placed(seen).map(slope).sum::<f64>() / spare).max(1.0)
     }
 
     /// The `count` contacts that are farthest apart, from the one farthest from their middle on;
@@ -221,19 +236,15 @@ impl Quadratic {
     }
 }
 
-/// Squared in units of the standard deviation.
+/// Standard deviation of a contact's normal at this width, radians.
 #[inline]
-fn squared(distance: f64, deviation: f64) -> f64 {
-    let relative = distance / deviation;
-    relative * relative
+fn loosened(contact: &Contact, width: f64) -> f64 {
+    (contact.normal_deviation * width).min(LOOSEST)
 }
 
-/// Standard deviation of a contact's normal at this scale, radians.
+/// h(u) and h'(u)/u of the module, for u².
 #[inline]
-fn loosened(contact: &Contact, scale: f64) -> f64 {
-    (contact.normal_deviation * scale).min(LOOSEST)
-}
-
-fn logarithm(points: f64, normals: f64) -> f64 {
-    (FREEDOM + 1.0) / 2.0 * points.ln() + (FREEDOM + 2.0) / 2.0 * normals.ln()
+fn cost(squared: f64) -> (f64, f64) {
+    let root = (1.0 + squared / 4.0).sqrt();
+    (4.0 * (root - 1.0), 1.0 / root)
 }

@@ -43,14 +43,16 @@ pub struct Near {
     pub distance: f64,
     /// Of the distance, a unit vector.
     pub gradient: Point,
-    /// The nearest face's unit normal, outward; zero for a face without area.
-    pub normal: Point,
+    /// Where the surface keeps more about it, see [`Surface::normal`].
+    pub place: usize,
 }
 
 /// Something that contacts can be near to.
 pub trait Surface: Sync {
     /// What is nearest to `point`, object frame.
     fn near(&self, point: &Point) -> Near;
+    /// The nearest face's unit normal, outward; zero for a face without area.
+    fn normal(&self, near: &Near) -> Point;
 }
 
 /// How hard to search.
@@ -88,8 +90,9 @@ pub struct Localization {
     pub modes: Vec<Mode>,
     /// Motions from the first mode that the contacts cannot tell from none.
     pub freedoms: Vec<Freedom>,
-    /// How many times the stated standard deviations the contacts are off; at least one.
-    pub scale: f64,
+    /// By what factor the contacts cost more, in nats, than their stated deviations promise; at
+    /// least one.
+    pub misfit: f64,
     /// Poses looked at.
     pub drawn: usize,
     /// Whether there may be more modes than are listed.
@@ -112,10 +115,10 @@ pub enum LocalizeError {
 
 /// Finds the object with the surface `model` from contacts on it, world frame.
 ///
-/// The answer is the pose of greatest likelihood, the contacts' distances from the surface following
-/// a t distribution whose width is estimated unless they fit as well as their stated deviations say.
-/// It is not the pose of least *mean* distance, which has no reason to be nearer the truth and moves
-/// with every wild point; [`Mode::mean`] is that distance at the likeliest pose.
+/// The answer is the likeliest pose, not the one of least *mean* distance: contacts that fit as well
+/// as they say are better averaged by least squares, and the least mean would rest six of them
+/// exactly on the surface. Where contacts are many deviations off, the two come to the same, see the
+/// cost in `likelihood`. [`Mode::mean`] is the mean distance at the likeliest pose.
 ///
 /// # Errors
 /// [`LocalizeError`].
@@ -145,21 +148,26 @@ pub fn localize(
     settings: &Settings,
 ) -> Result<Localization, LocalizeError> {
     let evidence = evidence(model, contacts)?;
+    let t0 = std::time::Instant::now();
     let exact = Exact::new(model).ok_or(LocalizeError::NoArea)?;
     let grid = Grid::new(model);
+    let t1 = t0.elapsed();
     let mut proposals = Proposals::new(model, evidence.radius, settings.seed);
     let found = search::search(&grid, &evidence, &mut proposals, settings);
-    let (weighed, scale) = modes::modes(&grid, &exact, &evidence, found.candidates, found.scale);
+    let t2 = t0.elapsed();
+    let (weighed, misfit) = modes::modes(&grid, &exact, &evidence, found.candidates);
     let mode = |m: &modes::Weighed| {
         let distances = evidence.distances(&exact, &m.seen);
         let mean = distances.iter().sum::<f64>() / distances.len().max(1) as f64;
         Mode { pose: m.seen.inverse(), weight: m.weight, mean }
     };
+    let t3 = t0.elapsed();
+    if std::env::var_os("TIMES").is_some() { eprintln!("grid {t1:?} search {:?} modes {:?}", t2 - t1, t3 - t2); }
     let best = weighed.first().ok_or(LocalizeError::NoArea)?;
     Ok(Localization {
         modes: weighed.iter().map(mode).collect(),
-        freedoms: freedom::freedoms(&exact, &evidence, &best.seen, scale),
-        scale,
+        freedoms: freedom::freedoms(&exact, &evidence, &best.seen, misfit),
+        misfit,
         drawn: found.drawn,
         more: weighed.len() >= modes::MOST,
     })

@@ -22,8 +22,11 @@ const STEPS: usize = 12;
 /// them, nats.
 const BARRIER: f64 = 2.0;
 
-/// Places looked at on that way.
-const STATIONS: usize = 9;
+/// Places looked at on that way are this part of the object's radius apart.
+const STRIDE: f64 = 0.1;
+
+/// Optima that each one is tried to be joined with.
+const NEIGHBOURS: usize = 6;
 
 /// Modes whose relative motions are tried on all others.
 const GENERATORS: usize = 8;
@@ -38,26 +41,28 @@ pub(super) struct Weighed {
     pub weight: f64,
 }
 
-/// The modes, heaviest first, their weights summing to one, and the factor on the stated deviations
-/// that they were weighed with.
+/// The modes, heaviest first, their weights summing to one, and the misfit (see
+/// [`Evidence::misfit`]) that they were weighed with.
 pub(super) fn modes<S: Surface>(
     grid: &S,
     exact: &Exact<'_>,
     evidence: &Evidence,
     mut optima: Vec<Candidate>,
-    scale: f64,
 ) -> (Vec<Weighed>, f64) {
+    best_first(&mut optima);
+    let Some(best) = optima.first() else { return (Vec::new(), 1.0) };
+    let misfit = evidence.misfit(grid, &best.seen);
     // The grid is coarse: twice the window, until the exact surface has its say.
-    within(&mut optima, 2.0 * WINDOW);
-    optima = refined(exact, evidence, &optima, scale);
-    let Some(best) = optima.first() else { return (Vec::new(), scale) };
-    let scale = evidence.scale(exact, &best.seen);
-    optima = refined(exact, evidence, &optima, scale);
-    within(&mut optima, WINDOW);
-    complete(grid, exact, evidence, &mut optima, scale);
-    within(&mut optima, WINDOW);
-    let apart = separate(grid, evidence, &optima, scale);
-    (weighed(exact, evidence, &apart, scale), scale)
+    within(&mut optima, 2.0 * WINDOW * misfit);
+    optima = separate(grid, evidence, &optima, misfit);
+    optima = refined(exact, evidence, &optima);
+    let Some(best) = optima.first() else { return (Vec::new(), 1.0) };
+    let misfit = evidence.misfit(exact, &best.seen);
+    within(&mut optima, WINDOW * misfit);
+    complete(grid, exact, evidence, &mut optima, misfit);
+    within(&mut optima, WINDOW * misfit);
+    let apart = separate(grid, evidence, &optima, misfit);
+    (weighed(exact, evidence, &apart, misfit), misfit)
 }
 
 /// Keeps what is at most `window` nats less likely than the first; the order is by likelihood.
@@ -72,9 +77,8 @@ fn refined(
     exact: &Exact<'_>,
     evidence: &Evidence,
     optima: &[Candidate],
-    scale: f64,
 ) -> Vec<Candidate> {
-    let descend = |c: &Candidate| descend(exact, evidence, &c.seen, scale, STEPS);
+    let descend = |c: &Candidate| descend(exact, evidence, &c.seen, 1.0, STEPS);
     let mut refined: Vec<Candidate> = optima.par_iter().map(descend).collect();
     best_first(&mut refined);
     distinct(&mut refined, evidence, MOST);
@@ -88,10 +92,10 @@ fn complete<S: Surface>(
     exact: &Exact<'_>,
     evidence: &Evidence,
     optima: &mut Vec<Candidate>,
-    scale: f64,
+    misfit: f64,
 ) {
     let Some(best) = optima.first().copied() else { return };
-    let equal = |c: &&Candidate| c.nats <= best.nats + EQUAL;
+    let equal = |c: &&Candidate| c.nats <= best.nats + EQUAL * misfit;
     let generators: Vec<Pose> = optima
         .iter()
         .filter(equal)
@@ -113,12 +117,12 @@ fn complete<S: Surface>(
                 continue;
             }
             // Cheap first: most are no symmetry.
-            if evidence.nats(grid, &seen, scale) > best.nats + 4.0 * WINDOW {
+            if evidence.nats(grid, &seen, 1.0) > best.nats + 4.0 * WINDOW * misfit {
                 continue;
             }
-            let found = descend(exact, evidence, &seen, scale, STEPS);
+            let found = descend(exact, evidence, &seen, 1.0, STEPS);
             let known = |c: &Candidate| apart(evidence, &c.seen, &found.seen);
-            if found.nats <= best.nats + WINDOW
+            if found.nats <= best.nats + WINDOW * misfit
                 && optima.iter().all(|c| known(c) > 0.05 * evidence.radius)
             {
                 optima.push(found);
@@ -127,26 +131,31 @@ fn complete<S: Surface>(
     }
 }
 
-/// One optimum, the best, of each set that no barrier parts.
+/// One optimum, the best, of each set that no barrier parts. Each is tried with the
+/// [`NEIGHBOURS`] nearest before it.
 fn separate<S: Surface>(
     grid: &S,
     evidence: &Evidence,
     optima: &[Candidate],
-    scale: f64,
+    misfit: f64,
 ) -> Vec<Candidate> {
     // The grid's own errors must not look like barriers: ways are compared with their ends on it.
-    let ends: Vec<f64> = optima.iter().map(|c| evidence.nats(grid, &c.seen, scale)).collect();
+    let ends: Vec<f64> = optima.iter().map(|c| evidence.nats(grid, &c.seen, 1.0)).collect();
     let mut group: Vec<usize> = (0..optima.len()).collect();
     for b in 0..optima.len() {
-        for a in 0..b {
+        let distance = |a: usize| apart(evidence, &optima[a].seen, &optima[b].seen);
+        let mut before: Vec<(f64, usize)> = (0..b).map(|a| (distance(a), a)).collect();
+        before.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for (far, a) in before.into_iter().take(NEIGHBOURS) {
             if group[a] == group[b] {
                 continue;
             }
-            let allowed = ends[a].max(ends[b]) + BARRIER;
-            let open = (1..=STATIONS).all(|k| {
-                let part = k as f64 / (STATIONS + 1) as f64;
+            let allowed = ends[a].max(ends[b]) + BARRIER * misfit;
+            let stations = 2 + (far / (STRIDE * evidence.radius)) as usize;
+            let open = (1..stations).all(|k| {
+                let part = k as f64 / stations as f64;
                 let seen = between(evidence, &optima[a].seen, &optima[b].seen, part);
-                evidence.nats(grid, &seen, scale) <= allowed
+                evidence.nats(grid, &seen, 1.0) <= allowed
             });
             if open {
                 let (keep, gone) = (group[a].min(group[b]), group[a].max(group[b]));
@@ -174,7 +183,7 @@ fn weighed(
     exact: &Exact<'_>,
     evidence: &Evidence,
     optima: &[Candidate],
-    scale: f64,
+    misfit: f64,
 ) -> Vec<Weighed> {
     let widest = 1.0 / (evidence.radius * evidence.radius);
     let log_volume = |information: Matrix6<f64>| -> f64 {
@@ -183,7 +192,7 @@ fn weighed(
     };
     let logs: Vec<f64> = optima
         .par_iter()
-        .map(|c| log_volume(evidence.information(exact, &c.seen, scale)) - c.nats)
+        .map(|c| log_volume(evidence.information(exact, &c.seen, misfit)) - c.nats / misfit)
         .collect();
     let greatest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let parts: Vec<f64> = logs.iter().map(|l| (l - greatest).exp()).collect();

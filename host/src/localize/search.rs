@@ -21,6 +21,9 @@ const STEPS: usize = 4;
 /// The widest standard deviation is this part of the object's radius.
 const WIDEST: f64 = 0.12;
 
+/// Each level narrows them by this factor; the last has the stated ones.
+const NARROWER: f64 = 2.5;
+
 /// Contacts that suffice while deviations are wide.
 const FEW: usize = 32;
 
@@ -44,8 +47,6 @@ pub(super) struct Candidate {
 pub(super) struct Found {
     /// Optima, best first, none twice.
     pub candidates: Vec<Candidate>,
-    /// Factor on the stated deviations that the best of them asks for.
-    pub scale: f64,
     /// Poses looked at.
     pub drawn: usize,
 }
@@ -62,7 +63,6 @@ pub(super) fn search<S: Surface>(
         / evidence.contacts.len().max(1) as f64;
     let widest = (WIDEST * evidence.radius / usual).max(1.0);
     let mut pool: Vec<Candidate> = Vec::new();
-    let mut scale = widest;
     let (mut idle, mut drawn) = (0, 0);
     for _ in 0..settings.rounds {
         let poses: Vec<Pose> = (0..DRAWN).map(|_| proposals.draw(&few)).collect();
@@ -82,30 +82,26 @@ pub(super) fn search<S: Surface>(
             let descend = |c: &Candidate| descend(surface, which, &c.seen, width, steps);
             candidates = candidates.par_iter().map(descend).collect();
             best_first(&mut candidates);
-            distinct(&mut candidates, evidence, usize::MAX);
-            if let Some(best) = candidates.first() {
-                let asked = which.scale(surface, &best.seen);
-                let narrower = if level + 3 < KEPT.len() { width / 2.5 } else { 1.0 };
-                width = narrower.max(asked).min(width);
+            // Not worth the while among the first many.
+            if level > 0 {
+                distinct(&mut candidates, evidence, usize::MAX);
+            }
+            width = (width / NARROWER).max(1.0);
+            if level + 2 >= KEPT.len() - 1 {
+                width = 1.0;
             }
         }
-        // Rounds are compared under one deviation, the narrowest so far.
-        let narrowed = width < 0.95 * scale;
-        scale = scale.min(width);
-        let before = pool.len();
-        pool.append(&mut candidates);
-        pool.par_iter_mut().for_each(|c| c.nats = evidence.nats(surface, &c.seen, scale));
         let least = |part: &[Candidate]| part.iter().map(|c| c.nats).fold(f64::MAX, f64::min);
-        let (old, new) = pool.split_at(before);
-        let better = narrowed || least(new) < least(old) - BETTER;
+        let better = least(&candidates) < least(&pool) - BETTER;
         idle = if better { 0 } else { idle + 1 };
+        pool.append(&mut candidates);
         best_first(&mut pool);
         distinct(&mut pool, evidence, settings.optima);
         if idle >= IDLE {
             break;
         }
     }
-    Found { candidates: pool, scale, drawn }
+    Found { candidates: pool, drawn }
 }
 
 /// Levenberg–Marquardt from `seen`, at most `steps` steps.
@@ -113,11 +109,11 @@ pub(super) fn descend<S: Surface>(
     surface: &S,
     evidence: &Evidence,
     seen: &Pose,
-    scale: f64,
+    width: f64,
     steps: usize,
 ) -> Candidate {
     let mut seen = *seen;
-    let mut here = evidence.about(surface, &seen, scale);
+    let mut here = evidence.about(surface, &seen, width);
     let mut damping = 1e-3;
     for _ in 0..steps {
         let Some(mut step) = here.step(damping) else { break };
@@ -130,7 +126,7 @@ pub(super) fn descend<S: Surface>(
             step *= 0.5 * evidence.radius / length;
         }
         let tried = evidence.moved(&seen, &step);
-        let there = evidence.about(surface, &tried, scale);
+        let there = evidence.about(surface, &tried, width);
         if there.nats < here.nats {
             let settled = length < 1e-7 && here.nats - there.nats < 1e-6;
             (seen, here) = (tried, there);
@@ -168,11 +164,11 @@ pub(super) fn distinct(candidates: &mut Vec<Candidate>, evidence: &Evidence, mos
     *candidates = kept;
 }
 
-/// How far two poses (world to object) are apart: how far they move the object's centre, and its rim
-/// about that, metres.
+/// How far two poses (world to object) are apart: how far the object's centre moves and its rim
+/// about that, metres. Turns count by their chord.
 pub(super) fn apart(evidence: &Evidence, a: &Pose, b: &Pose) -> f64 {
-    let from_a_to_b = b * a.inverse();
-    let centre = nalgebra::Point3::from(evidence.centre);
-    let shift = (from_a_to_b * centre - centre).norm();
-    shift + evidence.radius * from_a_to_b.rotation.angle()
+    let turn = a.rotation.coords.dot(&b.rotation.coords);
+    let chord = 2.0 * (2.0 * (1.0 - turn.abs()).max(0.0)).sqrt();
+    let centre = |p: &Pose| p.rotation.inverse() * (evidence.centre - p.translation.vector);
+    (centre(a) - centre(b)).norm() + evidence.radius * chord
 }
