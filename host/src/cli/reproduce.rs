@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::cli::{Error, say};
 use crate::experiment::chapter2::{self, FIGURES};
-use crate::experiment::{Picture, calibration, data, memory, push, shapes, tracking};
+use crate::experiment::{Picture, calibration, data, localization, memory, push, shapes, tracking};
 use crate::log::write::write_atomically;
 use crate::quantity::{self, Deviation};
 
@@ -73,7 +73,7 @@ const SHAPES: &str = "shapes";
 const OTHERS: [&str; 2] = ["figure-3.12", "push"];
 
 /// Not part of `all`, which would take hours with them.
-const LONG: [&str; 3] = [SHAPES, "calibration", "memory"];
+const LONG: [&str; 4] = [SHAPES, "calibration", "memory", "table-3.1"];
 
 fn names() -> Vec<&'static str> {
     let figures = FIGURES.iter().map(|f| f.name);
@@ -196,6 +196,10 @@ fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
     }
     if name == "memory" {
         let table = memory::run(args.seeds).map_err(Error::failure)?;
+        return Outcome::new(name, &table, None);
+    }
+    if name == "table-3.1" {
+        let table = localization::run(data().as_deref(), args.seeds).map_err(Error::failure)?;
         return Outcome::new(name, &table, None);
     }
     let table = match name {

@@ -81,6 +81,9 @@ pub struct Mode {
     pub weight: f64,
     /// Mean distance of all contacts from the surface, metres.
     pub mean: f64,
+    /// Negative logarithm of the likelihood, zero for contacts that fit exactly; to be divided by
+    /// [`Localization::misfit`].
+    pub nats: f64,
 }
 
 /// Where a known object is.
@@ -156,11 +159,7 @@ pub fn localize(
     let found = search::search(&grid, &evidence, &mut proposals, settings);
     let t2 = t0.elapsed();
     let (weighed, misfit) = modes::modes(&grid, &exact, &evidence, found.candidates);
-    let mode = |m: &modes::Weighed| {
-        let distances = evidence.distances(&exact, &m.seen);
-        let mean = distances.iter().sum::<f64>() / distances.len().max(1) as f64;
-        Mode { pose: m.seen.inverse(), weight: m.weight, mean }
-    };
+    let mode = |m: &modes::Weighed| mode(&exact, &evidence, &m.seen, m.weight);
     let t3 = t0.elapsed();
     if std::env::var_os("TIMES").is_some() { eprintln!("grid {t1:?} search {:?} modes {:?}", t2 - t1, t3 - t2); }
     let best = weighed.first().ok_or(LocalizeError::NoArea)?;
@@ -171,6 +170,40 @@ pub fn localize(
         drawn: found.drawn,
         more: weighed.len() >= modes::MOST,
     })
+}
+
+/// The likeliest pose that plain descent from many starts finds, none of them given up early: slow,
+/// and the yardstick of [`localize`]. Its weight is one.
+///
+/// # Errors
+/// As [`localize`].
+pub fn exhaustive(
+    model: &Mesh,
+    contacts: &[Contact],
+    starts: usize,
+) -> Result<Mode, LocalizeError> {
+    let evidence = evidence(model, contacts)?;
+    let exact = Exact::new(model).ok_or(LocalizeError::NoArea)?;
+    let grid = Grid::new(model);
+    // Not the stream of any search.
+    let mut proposals = Proposals::new(model, evidence.radius, u64::MAX);
+    let best = search::exhaustive(&grid, &exact, &evidence, &mut proposals, starts);
+    best.map(|c| mode(&exact, &evidence, &c.seen, 1.0)).ok_or(LocalizeError::NoArea)
+}
+
+/// What [`Mode::nats`] would be at `pose` (object to world).
+///
+/// # Errors
+/// As [`localize`].
+pub fn nats(model: &Mesh, contacts: &[Contact], pose: &Pose) -> Result<f64, LocalizeError> {
+    let exact = Exact::new(model).ok_or(LocalizeError::NoArea)?;
+    Ok(evidence(model, contacts)?.nats(&exact, &pose.inverse(), 1.0))
+}
+
+fn mode(exact: &Exact<'_>, evidence: &Evidence, seen: &Pose, weight: f64) -> Mode {
+    let distances = evidence.distances(exact, seen);
+    let mean = distances.iter().sum::<f64>() / distances.len().max(1) as f64;
+    Mode { pose: seen.inverse(), weight, mean, nats: evidence.nats(exact, seen, 1.0) }
 }
 
 /// The contacts, checked, beside the sizes of the object.

@@ -104,6 +104,29 @@ pub(super) fn search<S: Surface>(
     Found { candidates: pool, drawn }
 }
 
+/// The best optimum that can be reached from any of `starts` poses, refined on the exact surface.
+pub(super) fn exhaustive<G: Surface, E: Surface>(
+    grid: &G,
+    exact: &E,
+    evidence: &Evidence,
+    proposals: &mut Proposals,
+    starts: usize,
+) -> Option<Candidate> {
+    let poses: Vec<Pose> = (0..starts).map(|_| proposals.draw(evidence)).collect();
+    let down = |seen: Pose| {
+        let widths = [30.0, 10.0, 3.0, 1.0];
+        let end = widths.iter().fold(seen, |s, w| descend(grid, evidence, &s, *w, 12).seen);
+        Candidate { nats: evidence.nats(grid, &end, 1.0), seen: end }
+    };
+    let mut ends: Vec<Candidate> = poses.into_par_iter().map(down).collect();
+    best_first(&mut ends);
+    distinct(&mut ends, evidence, KEPT[0]);
+    let polish = |c: &Candidate| descend(exact, evidence, &c.seen, 1.0, 100);
+    let mut best: Vec<Candidate> = ends.par_iter().map(polish).collect();
+    best_first(&mut best);
+    best.first().copied()
+}
+
 /// Levenberg–Marquardt from `seen`, at most `steps` steps.
 pub(super) fn descend<S: Surface>(
     surface: &S,
