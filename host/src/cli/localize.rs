@@ -18,9 +18,7 @@ use crate::space::{Point, Pose};
 /// Poses map the model's frame to the world. Of an object that moved, the pose is that at the last
 /// grasp: earlier contacts are carried along by the motions in the log.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  tactile localize --model cylinder.off contacts.off --json"
-)]
+#[command(after_help = "Example:\n  tactile localize --model cylinder.off contacts.off --json")]
 pub struct LocalizeArgs {
     /// The object: a triangle mesh (.ply, .stl, .obj, .off), metres
     #[arg(long, value_name = "MESH")]
@@ -126,13 +124,7 @@ fn list(p: &Point) -> [f64; 3] {
 }
 
 /// The same for people: the first modes, and what is not known.
-fn told(
-    found: &Localization,
-    best: &Mode,
-    contacts: usize,
-    seconds: f64,
-    reading: f64,
-) -> String {
+fn told(found: &Localization, best: &Mode, contacts: usize, seconds: f64, reading: f64) -> String {
     const SHOWN: usize = 8;
     let mut text = format!(
         "{contacts} contacts lie {:.2} mm from the surface on average; {:.0} ms, after {:.0} ms of \

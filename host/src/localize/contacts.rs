@@ -38,7 +38,9 @@ pub enum ContactsError {
     #[error("expected contacts in space (dimension 3), found a planar log (dimension 2)")]
     Planar,
     /// Where the object was before is not known.
-    #[error("grasp {grasp}, field `motion`: expected how the object moved, found none; if it did not move, say --fixed")]
+    #[error(
+        "grasp {grasp}, field `motion`: expected how the object moved, found none; if it did not move, say --fixed"
+    )]
     Motion {
         /// Its number.
         grasp: u64,
@@ -105,4 +107,59 @@ pub fn from_log(log: &GraspLog, fixed: Fixed) -> Result<Vec<Contact>, ContactsEr
         }
     }
     Ok(contacts)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::{LoggedContact, LoggedGrasp};
+
+    fn grasp(index: u64, motion: Option<Pose>, point: Point) -> LoggedGrasp {
+        let contact = LoggedContact { point, normal: Some(Point::x()), ..LoggedContact::default() };
+        LoggedGrasp { index, motion, contacts: vec![contact], ..LoggedGrasp::default() }
+    }
+
+    fn log(grasps: Vec<LoggedGrasp>) -> GraspLog {
+        let line = r#"{"format":"tactile-grasp-log","version":1,"dimension":3,
+            "noise":{"point":0.002,"translation":0.003}}"#
+            .replace('\n', "");
+        let text = format!("{line}\n{{\"grasp\":0,\"contacts\":[]}}\n");
+        GraspLog { grasps, ..GraspLog::parse(text.as_bytes(), "some.jsonl".as_ref()).unwrap() }
+    }
+
+    #[test]
+    fn earlier_contacts_move_with_the_object() {
+        let quarter =
+            Pose::new(Point::new(1.0, 0.0, 0.0), Point::z() * std::f64::consts::FRAC_PI_2);
+        let up = Pose::translation(0.0, 0.0, 0.5);
+        let log = log(vec![
+            grasp(0, None, Point::new(0.1, 0.0, 0.0)),
+            grasp(1, Some(quarter), Point::new(0.2, 0.0, 0.0)),
+            grasp(2, Some(up), Point::new(0.3, 0.0, 0.0)),
+        ]);
+        let contacts = from_log(&log, Fixed::No).unwrap();
+        let at = |x: f64| contacts.iter().find(|c| (c.point.norm() - x).abs() < 1e-12).unwrap();
+        // The last stays, the one before is lifted, the first turned and lifted.
+        assert_eq!(at(0.3).point_deviation, 0.002);
+        let second = contacts.iter().find(|c| (c.point.x - 0.2).abs() < 1e-12).unwrap();
+        assert_eq!((second.point.z, second.normal), (0.5, Some(Point::x())));
+        assert!((second.point_deviation - 0.002f64.hypot(0.003)).abs() < 1e-12);
+        let first = contacts.iter().find(|c| (c.point.x - 1.0).abs() < 1e-12).unwrap();
+        assert!((first.point - Point::new(1.0, 0.1, 0.5)).norm() < 1e-12);
+        assert!((first.normal.unwrap() - Point::y()).norm() < 1e-12);
+        assert!(first.point_deviation > second.point_deviation);
+        // Or all stay.
+        let still = from_log(&log, Fixed::Yes).unwrap();
+        assert!(still.iter().all(|c| c.point.z == 0.0 && c.point_deviation == 0.002));
+    }
+
+    #[test]
+    fn unknown_motions_and_planar_logs_are_refused() {
+        let unknown = log(vec![grasp(0, None, Point::x()), grasp(4, None, Point::x())]);
+        let error = from_log(&unknown, Fixed::No).unwrap_err().to_string();
+        assert!(error.contains("grasp 4, field `motion`") && error.contains("--fixed"), "{error}");
+        assert_eq!(from_log(&unknown, Fixed::Yes).unwrap().len(), 2);
+        let planar = GraspLog { dimension: 2, ..unknown };
+        assert!(matches!(from_log(&planar, Fixed::Yes), Err(ContactsError::Planar)));
+    }
 }

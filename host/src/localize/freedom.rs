@@ -11,13 +11,14 @@ use crate::space::{Point, Pose};
 /// A direction is tried when it is known no better than to this part of the object's radius.
 const WEAK: f64 = 0.05;
 
-/// It is free when followed this part of the radius both ways (turns: radians) ...
+/// It is free when it can be followed over this part of the radius (turns: radians), both ways
+/// together ...
 const REACH: f64 = 0.5;
 
 /// ... without costing more than this, nats.
 const COST: f64 = 2.0;
 
-/// Steps each way.
+/// Strides for that.
 const STEPS: usize = 10;
 
 /// A motion of the object that the contacts cannot tell from none, object frame.
@@ -52,25 +53,26 @@ pub(super) fn freedoms<S: Surface>(
     let weak = 1.0 / (WEAK * evidence.radius).powi(2);
     let follow = |k: usize| {
         let valley: Vector6<f64> = eigen.eigenvectors.column(k).into_owned();
-        let free = |way: f64| leads_away(surface, evidence, seen, &(valley * way), misfit);
-        (eigen.eigenvalues[k] < weak && free(1.0) && free(-1.0)).then(|| named(evidence, &valley))
+        let followed = |way: f64| followed(surface, evidence, seen, &(valley * way), misfit);
+        let free = eigen.eigenvalues[k] < weak && followed(1.0) + followed(-1.0) >= STEPS;
+        free.then(|| named(evidence, &valley))
     };
     order.into_iter().filter_map(follow).collect()
 }
 
-/// Whether the valley can be followed as far as [`REACH`]: a step along it, then one back to its
-/// floor.
-fn leads_away<S: Surface>(
+/// How many strides of [`REACH`]/[`STEPS`] the valley can be followed, at most [`STEPS`]: a stride
+/// along it, then one back to its floor.
+fn followed<S: Surface>(
     surface: &S,
     evidence: &Evidence,
     seen: &Pose,
     valley: &Vector6<f64>,
     misfit: f64,
-) -> bool {
+) -> usize {
     let allowed = evidence.nats(surface, seen, 1.0) + COST * misfit;
     let stride = valley * (REACH * evidence.radius / STEPS as f64);
     let mut seen = *seen;
-    for _ in 0..STEPS {
+    for done in 0..STEPS {
         seen = evidence.moved(&seen, &stride);
         let here = evidence.about(surface, &seen, 1.0);
         let mut nats = here.nats;
@@ -84,10 +86,10 @@ fn leads_away<S: Surface>(
             }
         }
         if !(nats <= allowed) {
-            return false;
+            return done;
         }
     }
-    true
+    STEPS
 }
 
 /// In words of geometry. The direction moves the contacts in the object frame; the object moves

@@ -5,14 +5,18 @@
 //! distribution (Barndorff-Nielsen 1977). Contacts that fit as well as they say are weighed as
 //! Gaussian ones, and least squares of them sought; of contacts with errors nobody stated, a finger
 //! bent or a model that differs, the least mean distance; no contact pulls harder than two standard
-//! deviations' worth. A measured normal costs h(e/σ) beside that, e the chord between it and the
-//! face's normal.
+//! deviations' worth. A measured normal costs g(e/σ) = c(1 − exp(−e²/2cσ²)) beside that, e the chord
+//! between it and the face's normal: at an edge it may be any of two faces', so that it never counts
+//! for more than c = 5 nats.
 
 use nalgebra::{Matrix6, Vector6};
 
 use super::Surface;
 use crate::reference::Contact;
 use crate::space::{Point, Pose};
+
+/// What a normal that fits nothing costs, nats.
+const WORST_NORMAL: f64 = 5.0;
 
 /// Normals are never taken to be worse than this, radians: farther off they would mean nothing.
 const LOOSEST: f64 = 0.7;
@@ -71,7 +75,7 @@ impl Evidence {
             nats += cost(near.distance * near.distance / (deviation * deviation)).0;
             if let Some(normal) = normal {
                 let chord = (normal - surface.normal(&near)).norm_squared();
-                nats += cost(chord / loosened(contact, width).powi(2)).0;
+                nats += normal_cost(chord / loosened(contact, width).powi(2)).0;
             }
         }
         nats
@@ -102,7 +106,8 @@ impl Evidence {
             if let Some(measured) = normal {
                 let normal = surface.normal(&near);
                 let precision = 1.0 / loosened(contact, width).powi(2);
-                let (costs, pull) = cost((measured - normal).norm_squared() * precision);
+                let excess = (measured - normal).norm_squared() * precision;
+                let (costs, pull) = normal_cost(excess);
                 nats += costs;
                 let weight = pull * precision / self.radius;
                 let towards = measured.cross(&normal);
@@ -247,4 +252,11 @@ fn loosened(contact: &Contact, width: f64) -> f64 {
 fn cost(squared: f64) -> (f64, f64) {
     let root = (1.0 + squared / 4.0).sqrt();
     (4.0 * (root - 1.0), 1.0 / root)
+}
+
+/// g(u) and g'(u)/u of the module, for u².
+#[inline]
+fn normal_cost(squared: f64) -> (f64, f64) {
+    let fits = (-squared / (2.0 * WORST_NORMAL)).exp();
+    (WORST_NORMAL * (1.0 - fits), fits)
 }

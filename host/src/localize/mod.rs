@@ -151,17 +151,12 @@ pub fn localize(
     settings: &Settings,
 ) -> Result<Localization, LocalizeError> {
     let evidence = evidence(model, contacts)?;
-    let t0 = std::time::Instant::now();
     let exact = Exact::new(model).ok_or(LocalizeError::NoArea)?;
     let grid = Grid::new(model);
-    let t1 = t0.elapsed();
     let mut proposals = Proposals::new(model, evidence.radius, settings.seed);
     let found = search::search(&grid, &evidence, &mut proposals, settings);
-    let t2 = t0.elapsed();
     let (weighed, misfit) = modes::modes(&grid, &exact, &evidence, found.candidates);
     let mode = |m: &modes::Weighed| mode(&exact, &evidence, &m.seen, m.weight);
-    let t3 = t0.elapsed();
-    if std::env::var_os("TIMES").is_some() { eprintln!("grid {t1:?} search {:?} modes {:?}", t2 - t1, t3 - t2); }
     let best = weighed.first().ok_or(LocalizeError::NoArea)?;
     Ok(Localization {
         modes: weighed.iter().map(mode).collect(),

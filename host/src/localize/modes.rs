@@ -73,11 +73,7 @@ fn within(optima: &mut Vec<Candidate>, window: f64) {
     }
 }
 
-fn refined(
-    exact: &Exact<'_>,
-    evidence: &Evidence,
-    optima: &[Candidate],
-) -> Vec<Candidate> {
+fn refined(exact: &Exact<'_>, evidence: &Evidence, optima: &[Candidate]) -> Vec<Candidate> {
     let descend = |c: &Candidate| descend(exact, evidence, &c.seen, 1.0, STEPS);
     let mut refined: Vec<Candidate> = optima.par_iter().map(descend).collect();
     best_first(&mut refined);

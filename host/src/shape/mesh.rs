@@ -79,8 +79,7 @@ impl Mesh {
     /// there is no surface.
     pub fn nearest(&self, point: &Point) -> Option<(Point, usize)> {
         let tree = self.tree()?;
-        let (found, (triangle, _)) =
-            tree.project_local_point_and_get_location(glam(point), false);
+        let (found, (triangle, _)) = tree.project_local_point_and_get_location(glam(point), false);
         Some((Point::new(found.point.x, found.point.y, found.point.z), triangle as usize))
     }
 
