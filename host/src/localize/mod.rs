@@ -151,8 +151,8 @@ pub fn localize(
     settings: &Settings,
 ) -> Result<Localization, LocalizeError> {
     let evidence = evidence(model, contacts)?;
-    let exact = Exact::new(model).ok_or(LocalizeError::NoArea)?;
-    let grid = Grid::new(model);
+    let (exact, grid) = rayon::join(|| Exact::new(model), || Grid::new(model));
+    let exact = exact.ok_or(LocalizeError::NoArea)?;
     let mut proposals = Proposals::new(model, evidence.radius, settings.seed);
     let found = search::search(&grid, &evidence, &mut proposals, settings);
     let (weighed, misfit) = modes::modes(&grid, &exact, &evidence, found.candidates);

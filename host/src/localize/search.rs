@@ -10,10 +10,10 @@ use super::{Settings, Surface};
 use crate::space::Pose;
 
 /// Poses drawn in one round.
-const DRAWN: usize = 4096;
+const DRAWN: usize = 3072;
 
 /// Poses that go on to the widest deviations, and to each narrower ones.
-const KEPT: [usize; 5] = [512, 256, 128, 96, 64];
+const KEPT: [usize; 5] = [384, 160, 80, 48, 32];
 
 /// Gauss–Newton steps under the widest and under each narrower deviation.
 const STEPS: usize = 4;
@@ -25,7 +25,7 @@ const WIDEST: f64 = 0.12;
 const NARROWER: f64 = 2.5;
 
 /// Contacts that suffice while deviations are wide.
-const FEW: usize = 32;
+const FEW: usize = 24;
 
 /// Poses closer than this part of the object's radius are one.
 const SAME: f64 = 0.01;
@@ -78,7 +78,7 @@ pub(super) fn search<S: Surface>(
             // All contacts from the last but one level on.
             let which = if level + 2 < KEPT.len() { &few } else { evidence };
             let last = level + 1 == KEPT.len();
-            let steps = if last { 4 * STEPS } else { STEPS };
+            let steps = if last { 2 * STEPS } else { STEPS };
             let descend = |c: &Candidate| descend(surface, which, &c.seen, width, steps);
             candidates = candidates.par_iter().map(descend).collect();
             best_first(&mut candidates);
