@@ -101,7 +101,12 @@ pub fn run(args: &LocalizeArgs) -> Result<(), Error> {
 }
 
 fn mode(mode: &Mode) -> Value {
-    json!({"pose": pose(&mode.pose), "weight": mode.weight, "mean_mm": 1e3 * mode.mean})
+    json!({
+        "pose": pose(&mode.pose),
+        "weight": mode.weight,
+        "deviation_mm": 1e3 * mode.deviation,
+        "mean_mm": 1e3 * mode.mean,
+    })
 }
 
 /// As grasp logs have it.
@@ -137,14 +142,15 @@ fn told(found: &Localization, best: &Mode, contacts: usize, seconds: f64, readin
         let misfit = found.misfit;
         text += &format!("they fit worse than their deviations promise, by a factor {misfit:.1}\n");
     }
-    text += "  weight   mean mm   x y z mm                     rotation x y z w\n";
+    text += "  weight   mean mm   +- mm   x y z mm                     rotation x y z w\n";
     for mode in found.modes.iter().take(SHOWN) {
         let t = 1e3 * mode.pose.translation.vector;
         let q = mode.pose.rotation.quaternion();
         text += &format!(
-            "{:>7.1}%{:>10.2}   {:>8.2} {:>8.2} {:>8.2}   {:>7.4} {:>7.4} {:>7.4} {:>7.4}\n",
+            "{:>7.1}%{:>10.2}{:>8.1}   {:>8.2} {:>8.2} {:>8.2}   {:>7.4} {:>7.4} {:>7.4} {:>7.4}\n",
             100.0 * mode.weight,
             1e3 * mode.mean,
+            1e3 * mode.deviation,
             t.x,
             t.y,
             t.z,

@@ -1,8 +1,8 @@
 //! The distance to a mesh, to first order about the centres of a grid's cells: one fetch where the
 //! exact answer walks a tree.
 
+use super::faces::Face;
 use super::{Near, Surface};
-use crate::shape::Mesh;
 use crate::space::Point;
 
 /// About so many cells, whatever the shape of the box: about 30 along each side of a compact object.
@@ -37,26 +37,26 @@ pub struct Grid {
     normals: Vec<[f32; 3]>,
 }
 
-/// A triangle: a corner, the sides from it, and its unit normal.
-struct Face {
-    corners: [Point; 3],
-    normal: Point,
-}
-
 impl Grid {
-    /// The grid of `mesh`: exact in the cells along the surface; from there nearest faces spread
+    /// The grid of `faces`: exact in the cells along the surface; from there nearest faces spread
     /// from cell to cell by sweeps along the axes (Danielsson 1980; Bridson's closest triangles).
-    pub fn new(mesh: &Mesh) -> Grid {
-        let (least, greatest) = mesh.bounds();
+    pub fn new(faces: &[Face]) -> Grid {
+        let corners = || faces.iter().flat_map(|f| f.corners);
+        let Some(first) = corners().next() else {
+            let nowhere = Cell { gradient: [0.0; 3], offset: f32::INFINITY };
+            let (cells, normals) = (vec![nowhere], vec![[0.0; 3]]);
+            return Grid { low: Point::zeros(), per_metre: 1.0, counts: [1; 3], cells, normals };
+        };
+        let (least, greatest) =
+            corners().fold((first, first), |(low, high), p| (low.inf(&p), high.sup(&p)));
         let extent = greatest - least;
         let margin = (MARGIN * extent.max()).max(1e-6);
         let low = least.add_scalar(-margin);
         let size = extent.add_scalar(2.0 * margin);
         let spacing = (size.product() / CELLS).cbrt();
         let counts = [0, 1, 2].map(|a| ((size[a] / spacing).ceil() as usize).max(2));
-        let faces: Vec<Face> = faces(mesh);
         let mut sweep = Sweep {
-            faces: &faces,
+            faces,
             low,
             spacing,
             counts,
@@ -87,57 +87,9 @@ impl Surface for Grid {
     }
 
     #[inline]
-    fn normal(&self, near: &Near) -> Point {
+    fn normal(&self, near: &Near, _: &Point) -> Point {
         let [x, y, z] = self.normals[near.place];
         Point::new(x.into(), y.into(), z.into())
-    }
-}
-
-/// The triangles that have an area.
-fn faces(mesh: &Mesh) -> Vec<Face> {
-    let corners = |t: &[u32; 3]| t.map(|v| mesh.vertices()[v as usize]);
-    let face = |t| {
-        let corners: [Point; 3] = corners(t);
-        let [a, b, c] = corners;
-        let normal = (b - a).cross(&(c - a)).try_normalize(0.0)?;
-        Some(Face { corners, normal })
-    };
-    mesh.triangles().iter().filter_map(face).collect()
-}
-
-impl Face {
-    /// The nearest point of the triangle (Ericson 2005, 5.1.5).
-    fn closest(&self, p: &Point) -> Point {
-        let [a, b, c] = self.corners;
-        let (ab, ac, ap) = (b - a, c - a, p - a);
-        let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
-        if d1 <= 0.0 && d2 <= 0.0 {
-            return a;
-        }
-        let bp = p - b;
-        let (d3, d4) = (ab.dot(&bp), ac.dot(&bp));
-        if d3 >= 0.0 && d4 <= d3 {
-            return b;
-        }
-        let vc = d1 * d4 - d3 * d2;
-        if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
-            return a + ab * (d1 / (d1 - d3));
-        }
-        let cp = p - c;
-        let (d5, d6) = (ab.dot(&cp), ac.dot(&cp));
-        if d6 >= 0.0 && d5 <= d6 {
-            return c;
-        }
-        let vb = d5 * d2 - d1 * d6;
-        if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
-            return a + ac * (d2 / (d2 - d6));
-        }
-        let va = d3 * d6 - d5 * d4;
-        if va <= 0.0 && d4 >= d3 && d5 >= d6 {
-            return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
-        }
-        let whole = va + vb + vc;
-        a + ab * (vb / whole) + ac * (vc / whole)
     }
 }
 
@@ -176,7 +128,7 @@ impl Sweep<'_> {
     fn seed(&mut self) {
         let reach = 0.9 * self.spacing;
         for number in 0..self.faces.len() {
-            let Face { corners: [a, b, c], normal } = self.faces[number];
+            let Face { corners: [a, b, c], normal, .. } = self.faces[number];
             let (low, high) = (a.inf(&b).inf(&c), a.sup(&b).sup(&c));
             let range = |axis: usize| {
                 let place = |x: f64| ((x - self.low[axis]) / self.spacing - 0.5).max(0.0);
@@ -252,8 +204,8 @@ impl Sweep<'_> {
             for j in 0..ny {
                 for i in 0..nx {
                     let at = self.index([i, j, k]);
-                    let normal = self.faces.get(self.nearest[at] as usize).map(|f| f.normal);
-                    let normal = normal.unwrap_or_default();
+                    let face = self.faces.get(self.nearest[at] as usize);
+                    let normal = face.map_or(Point::zeros(), |f| f.normal_at(&self.closest[at]));
                     let away = self.centre([i, j, k]) - self.closest[at];
                     let distance = away.norm();
                     let on = distance < 1e-6 * self.spacing;
@@ -273,13 +225,15 @@ impl Sweep<'_> {
 mod tests {
     use super::*;
     use crate::localize::Exact;
+    use crate::localize::faces::faces;
+    use crate::shape::Mesh;
     use crate::shape::mesh::tests::cuboid;
     use crate::sim::random::Random;
 
     #[test]
     fn distances_are_the_meshs() {
         let mesh = cuboid([0.06, 0.04, 0.02]);
-        let (grid, exact) = (Grid::new(&mesh), Exact::new(&mesh).unwrap());
+        let (grid, exact) = (Grid::new(&faces(&mesh)), Exact::new(faces(&mesh)).unwrap());
         let [mut random] = Random::streams(3);
         let mut errors = Vec::new();
         for _ in 0..2000 {
@@ -295,7 +249,7 @@ mod tests {
 
     #[test]
     fn beyond_the_grid_distances_go_on() {
-        let grid = Grid::new(&cuboid([0.05; 3]));
+        let grid = Grid::new(&faces(&cuboid([0.05; 3])));
         let far = grid.near(&Point::new(0.01, -0.02, 1.05));
         assert!((far.distance - 1.0).abs() < 1e-3, "{}", far.distance);
         assert!((far.gradient - Point::z()).norm() < 1e-3);
@@ -307,7 +261,7 @@ mod tests {
         let corners = [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]];
         let vertices = corners.map(|[x, y]| Point::new(x, y, 0.0)).to_vec();
         let mesh = Mesh::new(vertices, vec![[0, 1, 2], [0, 2, 3]]).unwrap();
-        let near = Grid::new(&mesh).near(&Point::new(0.05, 0.02, 0.003));
+        let near = Grid::new(&faces(&mesh)).near(&Point::new(0.05, 0.02, 0.003));
         assert!((near.distance.abs() - 0.003).abs() < 1e-6, "{}", near.distance);
     }
 }

@@ -74,7 +74,7 @@ impl Evidence {
             let deviation = contact.point_deviation * width;
             nats += cost(near.distance * near.distance / (deviation * deviation)).0;
             if let Some(normal) = normal {
-                let chord = (normal - surface.normal(&near)).norm_squared();
+                let chord = (normal - surface.normal(&near, &y)).norm_squared();
                 nats += normal_cost(chord / loosened(contact, width).powi(2)).0;
             }
         }
@@ -104,7 +104,7 @@ impl Evidence {
                 }
             }
             if let Some(measured) = normal {
-                let normal = surface.normal(&near);
+                let normal = surface.normal(&near, &y);
                 let precision = 1.0 / loosened(contact, width).powi(2);
                 let excess = (measured - normal).norm_squared() * precision;
                 let (costs, pull) = normal_cost(excess);
@@ -170,7 +170,7 @@ impl Evidence {
             information.ger(weight, &row, &row, 1.0);
             if contact.normal.is_some() {
                 let weight = (contact.normal_deviation * self.radius).powi(-2) / worse;
-                let normal = surface.normal(&near);
+                let normal = surface.normal(&near, &y);
                 let across = nalgebra::Matrix3::identity() - normal * normal.transpose();
                 let mut turns = information.fixed_view_mut::<3, 3>(3, 3);
                 turns += weight * across;

@@ -10,9 +10,11 @@
 //! | modes and their weights | `modes` |
 //! | motions that the contacts do not see | [`freedom`] |
 //! | contacts from files | [`contacts`] |
+//! | the mesh, with smooth normals | [`faces`](mod@faces) |
 
 pub mod contacts;
 pub mod exact;
+pub mod faces;
 pub mod freedom;
 pub mod grid;
 mod likelihood;
@@ -30,6 +32,7 @@ pub use exact::Exact;
 pub use freedom::Freedom;
 pub use grid::Grid;
 
+use faces::faces;
 use likelihood::Evidence;
 use proposals::Proposals;
 
@@ -51,8 +54,8 @@ pub struct Near {
 pub trait Surface: Sync {
     /// What is nearest to `point`, object frame.
     fn near(&self, point: &Point) -> Near;
-    /// The nearest face's unit normal, outward; zero for a face without area.
-    fn normal(&self, near: &Near) -> Point;
+    /// The surface's outward unit normal where it is nearest to `point`.
+    fn normal(&self, near: &Near, point: &Point) -> Point;
 }
 
 /// How hard to search.
@@ -79,6 +82,9 @@ pub struct Mode {
     pub pose: Pose,
     /// Its part of the belief.
     pub weight: f64,
+    /// Standard deviation of the pose in its least certain direction, turns counted at the object's
+    /// radius (half of its bounding box's diagonal), metres; never more than that radius.
+    pub deviation: f64,
     /// Mean distance of all contacts from the surface, metres.
     pub mean: f64,
     /// Negative logarithm of the likelihood, zero for contacts that fit exactly; to be divided by
@@ -151,12 +157,11 @@ pub fn localize(
     settings: &Settings,
 ) -> Result<Localization, LocalizeError> {
     let evidence = evidence(model, contacts)?;
-    let (exact, grid) = rayon::join(|| Exact::new(model), || Grid::new(model));
-    let exact = exact.ok_or(LocalizeError::NoArea)?;
+    let (exact, grid) = surfaces(model)?;
     let mut proposals = Proposals::new(model, evidence.radius, settings.seed);
     let found = search::search(&grid, &evidence, &mut proposals, settings);
     let (weighed, misfit) = modes::modes(&grid, &exact, &evidence, found.candidates);
-    let mode = |m: &modes::Weighed| mode(&exact, &evidence, &m.seen, m.weight);
+    let mode = |m: &modes::Weighed| mode(&exact, &evidence, m);
     let best = weighed.first().ok_or(LocalizeError::NoArea)?;
     Ok(Localization {
         modes: weighed.iter().map(mode).collect(),
@@ -178,12 +183,12 @@ pub fn exhaustive(
     starts: usize,
 ) -> Result<Mode, LocalizeError> {
     let evidence = evidence(model, contacts)?;
-    let exact = Exact::new(model).ok_or(LocalizeError::NoArea)?;
-    let grid = Grid::new(model);
+    let (exact, grid) = surfaces(model)?;
     // Not the stream of any search.
     let mut proposals = Proposals::new(model, evidence.radius, u64::MAX);
     let best = search::exhaustive(&grid, &exact, &evidence, &mut proposals, starts);
-    best.map(|c| mode(&exact, &evidence, &c.seen, 1.0)).ok_or(LocalizeError::NoArea)
+    let best = best.ok_or(LocalizeError::NoArea)?;
+    Ok(mode(&exact, &evidence, &modes::alone(&exact, &evidence, best)))
 }
 
 /// What [`Mode::nats`] would be at `pose` (object to world).
@@ -191,14 +196,22 @@ pub fn exhaustive(
 /// # Errors
 /// As [`localize`].
 pub fn nats(model: &Mesh, contacts: &[Contact], pose: &Pose) -> Result<f64, LocalizeError> {
-    let exact = Exact::new(model).ok_or(LocalizeError::NoArea)?;
+    let exact = Exact::new(faces(model)).ok_or(LocalizeError::NoArea)?;
     Ok(evidence(model, contacts)?.nats(&exact, &pose.inverse(), 1.0))
 }
 
-fn mode(exact: &Exact<'_>, evidence: &Evidence, seen: &Pose, weight: f64) -> Mode {
-    let distances = evidence.distances(exact, seen);
+/// The surface twice: exact, and quick.
+fn surfaces(model: &Mesh) -> Result<(Exact, Grid), LocalizeError> {
+    let faces = faces(model);
+    let (exact, grid) = rayon::join(|| Exact::new(faces.clone()), || Grid::new(&faces));
+    Ok((exact.ok_or(LocalizeError::NoArea)?, grid))
+}
+
+fn mode(exact: &Exact, evidence: &Evidence, found: &modes::Weighed) -> Mode {
+    let &modes::Weighed { seen, weight, deviation } = found;
+    let distances = evidence.distances(exact, &seen);
     let mean = distances.iter().sum::<f64>() / distances.len().max(1) as f64;
-    Mode { pose: seen.inverse(), weight, mean, nats: evidence.nats(exact, seen, 1.0) }
+    Mode { pose: seen.inverse(), weight, deviation, mean, nats: evidence.nats(exact, &seen, 1.0) }
 }
 
 /// The contacts, checked, beside the sizes of the object.

@@ -39,13 +39,16 @@ const EQUAL: f64 = 1.0;
 pub(super) struct Weighed {
     pub seen: Pose,
     pub weight: f64,
+    /// Standard deviation of the pose in its least certain direction, turns counted at the object's
+    /// radius and that at most, metres.
+    pub deviation: f64,
 }
 
 /// The modes, heaviest first, their weights summing to one, and the misfit (see
 /// [`Evidence::misfit`]) that they were weighed with.
 pub(super) fn modes<S: Surface>(
     grid: &S,
-    exact: &Exact<'_>,
+    exact: &Exact,
     evidence: &Evidence,
     mut optima: Vec<Candidate>,
 ) -> (Vec<Weighed>, f64) {
@@ -65,6 +68,13 @@ pub(super) fn modes<S: Surface>(
     (weighed(exact, evidence, &apart, misfit), misfit)
 }
 
+/// One optimum that has all the weight.
+pub(super) fn alone(exact: &Exact, evidence: &Evidence, optimum: Candidate) -> Weighed {
+    let misfit = evidence.misfit(exact, &optimum.seen);
+    let only = weighed(exact, evidence, &[optimum], misfit).pop();
+    only.unwrap_or(Weighed { seen: optimum.seen, weight: 1.0, deviation: evidence.radius })
+}
+
 /// Keeps what is at most `window` nats less likely than the first; the order is by likelihood.
 fn within(optima: &mut Vec<Candidate>, window: f64) {
     best_first(optima);
@@ -73,7 +83,7 @@ fn within(optima: &mut Vec<Candidate>, window: f64) {
     }
 }
 
-fn refined(exact: &Exact<'_>, evidence: &Evidence, optima: &[Candidate]) -> Vec<Candidate> {
+fn refined(exact: &Exact, evidence: &Evidence, optima: &[Candidate]) -> Vec<Candidate> {
     let descend = |c: &Candidate| descend(exact, evidence, &c.seen, 1.0, STEPS);
     let mut refined: Vec<Candidate> = optima.par_iter().map(descend).collect();
     best_first(&mut refined);
@@ -85,7 +95,7 @@ fn refined(exact: &Exact<'_>, evidence: &Evidence, optima: &[Candidate]) -> Vec<
 /// on all, until nothing new is found.
 fn complete<S: Surface>(
     grid: &S,
-    exact: &Exact<'_>,
+    exact: &Exact,
     evidence: &Evidence,
     optima: &mut Vec<Candidate>,
     misfit: f64,
@@ -175,29 +185,24 @@ fn between(evidence: &Evidence, a: &Pose, b: &Pose, part: f64) -> Pose {
 
 /// Laplace's approximation: likelihood times the volume of the optimum, which no direction makes
 /// wider than the object.
-fn weighed(
-    exact: &Exact<'_>,
-    evidence: &Evidence,
-    optima: &[Candidate],
-    misfit: f64,
-) -> Vec<Weighed> {
+fn weighed(exact: &Exact, evidence: &Evidence, optima: &[Candidate], misfit: f64) -> Vec<Weighed> {
     let widest = 1.0 / (evidence.radius * evidence.radius);
-    let log_volume = |information: Matrix6<f64>| -> f64 {
-        let eigen = SymmetricEigen::new(information).eigenvalues;
-        eigen.iter().map(|x| -0.5 * x.max(widest).ln()).sum()
+    // Logarithm of the mass, and the deviation.
+    let measured = |c: &Candidate| {
+        let information: Matrix6<f64> = evidence.information(exact, &c.seen, misfit);
+        let eigen = SymmetricEigen::new(information).eigenvalues.map(|x| x.max(widest));
+        let volume: f64 = eigen.iter().map(|x| -0.5 * x.ln()).sum();
+        (volume - c.nats / misfit, eigen.min().sqrt().recip())
     };
-    let logs: Vec<f64> = optima
-        .par_iter()
-        .map(|c| log_volume(evidence.information(exact, &c.seen, misfit)) - c.nats / misfit)
-        .collect();
-    let greatest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let parts: Vec<f64> = logs.iter().map(|l| (l - greatest).exp()).collect();
-    let total: f64 = parts.iter().sum();
-    let mut weighed: Vec<Weighed> = optima
-        .iter()
-        .zip(parts)
-        .map(|(c, part)| Weighed { seen: c.seen, weight: part / total })
-        .collect();
+    let measured: Vec<(f64, f64)> = optima.par_iter().map(measured).collect();
+    let greatest = measured.iter().map(|m| m.0).fold(f64::NEG_INFINITY, f64::max);
+    let total: f64 = measured.iter().map(|m| (m.0 - greatest).exp()).sum();
+    let weigh = |(c, (mass, deviation)): (&Candidate, (f64, f64))| Weighed {
+        seen: c.seen,
+        weight: (mass - greatest).exp() / total,
+        deviation,
+    };
+    let mut weighed: Vec<Weighed> = optima.iter().zip(measured).map(weigh).collect();
     weighed.sort_by(|a, b| b.weight.total_cmp(&a.weight));
     weighed
 }

@@ -223,7 +223,7 @@ proptest! {
         let pose = pose(shift, turn);
         let contacts = touched(&mesh, &pose, 30, 0.0, false);
         let evidence = evidence(&mesh, &contacts).unwrap();
-        let exact = Exact::new(&mesh).unwrap();
+        let exact = Exact::new(faces(&mesh)).unwrap();
         let here = evidence.about(&exact, &Pose::identity(), 1.0);
         prop_assert!((here.nats - evidence.nats(&exact, &Pose::identity(), 1.0)).abs() < 1e-9);
         if let Some(step) = here.step(1.0) {

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::sync::OnceLock;
 
 use parry3d_f64::math::Vector;
-use parry3d_f64::query::{PointQuery, PointQueryWithLocation, Ray, RayCullingMode};
+use parry3d_f64::query::{PointQuery, Ray, RayCullingMode};
 use parry3d_f64::shape::{TriMesh, TriMeshFlags};
 
 use super::ShapeError;
@@ -73,14 +73,6 @@ impl Mesh {
             let found = tree.project_local_point(glam(point), false).point;
             Point::new(found.x, found.y, found.z)
         })
-    }
-
-    /// The point of the surface nearest to `point` and the number of its triangle; `None` when
-    /// there is no surface.
-    pub fn nearest(&self, point: &Point) -> Option<(Point, usize)> {
-        let tree = self.tree()?;
-        let (found, (triangle, _)) = tree.project_local_point_and_get_location(glam(point), false);
-        Some((Point::new(found.point.x, found.point.y, found.point.z), triangle as usize))
     }
 
     /// Distance to the surface, metres, negative inside; `None` when the mesh is not watertight
