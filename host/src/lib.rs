@@ -15,6 +15,7 @@ pub mod dense;
 pub mod experiment;
 pub mod experts;
 pub mod link;
+pub mod localize;
 pub mod log;
 pub mod quantity;
 pub mod reference;

@@ -5,6 +5,7 @@
 pub mod import;
 pub mod inspect;
 pub mod live;
+pub mod localize;
 pub mod replay;
 pub mod reproduce;
 pub mod simulate;
@@ -34,6 +35,7 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     Import(import::ImportArgs),
     Live(live::LiveArgs),
+    Localize(localize::LocalizeArgs),
     Replay(replay::ReplayArgs),
     Inspect(inspect::InspectArgs),
     Reproduce(reproduce::ReproduceArgs),
@@ -47,6 +49,7 @@ impl Cli {
             Command::Simulate(args) => simulate::run(args),
             Command::Import(args) => import::run(args),
             Command::Live(args) => live::run(args),
+            Command::Localize(args) => localize::run(args),
             Command::Replay(args) => replay::run(args),
             Command::Inspect(args) => inspect::run(args),
             Command::Reproduce(args) => reproduce::run(args),

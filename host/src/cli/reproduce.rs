@@ -10,7 +10,9 @@ use serde::Serialize;
 use crate::cli::{Error, say};
 use crate::experiment::chapter2::{self, FIGURES};
 use crate::experiment::tracking::{Contender, consistency, mujoco};
-use crate::experiment::{Picture, calibration, chapter3, data, memory, push, shapes, tracking};
+use crate::experiment::{
+    Picture, calibration, chapter3, data, localization, memory, push, shapes, tracking,
+};
 use crate::log::write::write_atomically;
 use crate::quantity::{self, Deviation};
 
@@ -110,7 +112,8 @@ const MUJOCO: &str = "mujoco";
 const OTHERS: [&str; 1] = ["push"];
 
 /// Not part of `all`, which would take hours with them.
-const LONG: [&str; 6] = [SHAPES, TRACKING, CONSISTENCY, MUJOCO, "calibration", "memory"];
+const LONG: [&str; 7] =
+    [SHAPES, TRACKING, CONSISTENCY, MUJOCO, "calibration", "memory", "table-3.1"];
 
 fn names() -> Vec<&'static str> {
     let figures = FIGURES.iter().map(|f| f.name);
@@ -311,6 +314,10 @@ fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
     }
     if name == "memory" {
         let table = memory::run(args.seeds()).map_err(Error::failure)?;
+        return Outcome::new(name, &table, None);
+    }
+    if name == "table-3.1" {
+        let table = localization::run(data().as_deref(), args.seeds()).map_err(Error::failure)?;
         return Outcome::new(name, &table, None);
     }
     let table = push::run(data().as_deref()).map_err(Error::input)?;

@@ -1,0 +1,165 @@
+//! Contacts on an object at rest, from logs and lists.
+
+use std::path::Path;
+
+use nalgebra::Point3;
+
+use crate::log::import::{self, Options};
+use crate::log::{GraspLog, LogError};
+use crate::reference::Contact;
+use crate::slam::deviations;
+use crate::space::{Point, Pose};
+
+/// Endings of the files that hold contacts.
+pub const ENDINGS: &str = ".jsonl, .csv or .off";
+
+/// Whether to believe a log that its object moved between grasps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fixed {
+    /// It did not move, whatever the log says.
+    Yes,
+    /// It moved as the log says.
+    No,
+}
+
+/// Why a file gives no contacts.
+#[derive(Debug, thiserror::Error)]
+pub enum ContactsError {
+    /// It cannot be read.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// The ending names no format.
+    #[error("{file}: expected a file of contacts ending in {ENDINGS}")]
+    Ending {
+        /// Which file.
+        file: String,
+    },
+    /// A planar log.
+    #[error("expected contacts in space (dimension 3), found a planar log (dimension 2)")]
+    Planar,
+    /// Where the object was before is not known.
+    #[error(
+        "grasp {grasp}, field `motion`: expected how the object moved, found none; if it did not move, say --fixed"
+    )]
+    Motion {
+        /// Its number.
+        grasp: u64,
+    },
+}
+
+/// Reads contacts: a grasp log (`.jsonl`), a table (`.csv`) or a list of points (`.off`), the
+/// latter two of an object that did not move. See [`from_log`].
+///
+/// # Errors
+/// Naming the file, line and field and what was expected there.
+pub fn read(path: &Path, fixed: Fixed) -> Result<(GraspLog, Vec<Contact>), ContactsError> {
+    let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
+    let at_rest = Options { fixed: true, ..Options::default() };
+    let log = match ending.as_str() {
+        "jsonl" => GraspLog::read(path)?,
+        "csv" => import::csv::import(path, &at_rest)?,
+        "off" => import::off::import(path, &at_rest)?,
+        _ => return Err(ContactsError::Ending { file: path.display().to_string() }),
+    };
+    let contacts = from_log(&log, fixed)?;
+    Ok((log, contacts))
+}
+
+/// All contacts of a log where the object was at its **last** grasp, world frame.
+///
+/// Contacts of earlier grasps are carried along by the motions that the log states, and the noise
+/// it states for these widens their deviations: by nσ² after n motions, turns counted at the
+/// contact's distance from the middle of its grasp. That these errors are common to the contacts of
+/// a grasp is not used.
+///
+/// # Errors
+/// For planar logs, and where a motion is unknown and the object not said to be fixed.
+pub fn from_log(log: &GraspLog, fixed: Fixed) -> Result<Vec<Contact>, ContactsError> {
+    if log.dimension != 3 {
+        return Err(ContactsError::Planar);
+    }
+    let mut contacts = Vec::new();
+    // From the grasp at hand to the last.
+    let mut onwards = Pose::identity();
+    let mut motions = 0.0;
+    for (k, grasp) in log.grasps.iter().enumerate().rev() {
+        let middle = grasp.contacts.iter().map(|c| c.point).sum::<Point>()
+            / grasp.contacts.len().max(1) as f64;
+        let placed = grasp.contacts.iter().map(|c| {
+            let (point, normal) = deviations(c, &log.noise);
+            let shift = log.noise.translation.unwrap_or(0.0);
+            let turn = log.noise.rotation.unwrap_or(0.0);
+            let at_rim = turn * (c.point - middle).norm();
+            let moved = motions * (shift * shift + at_rim * at_rim);
+            Contact {
+                point: (onwards * Point3::from(c.point)).coords,
+                normal: c.normal.map(|n| onwards.rotation * n),
+                point_deviation: (point * point + moved).sqrt(),
+                normal_deviation: (normal * normal + motions * turn * turn).sqrt(),
+            }
+        });
+        contacts.extend(placed);
+        if k > 0 && fixed == Fixed::No {
+            let motion = grasp.motion.ok_or(ContactsError::Motion { grasp: grasp.index })?;
+            onwards *= motion;
+            onwards.rotation.renormalize();
+            motions += 1.0;
+        }
+    }
+    Ok(contacts)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::{LoggedContact, LoggedGrasp};
+
+    fn grasp(index: u64, motion: Option<Pose>, point: Point) -> LoggedGrasp {
+        let contact = LoggedContact { point, normal: Some(Point::x()), ..LoggedContact::default() };
+        LoggedGrasp { index, motion, contacts: vec![contact], ..LoggedGrasp::default() }
+    }
+
+    fn log(grasps: Vec<LoggedGrasp>) -> GraspLog {
+        let line = r#"{"format":"tactile-grasp-log","version":1,"dimension":3,
+            "noise":{"point":0.002,"translation":0.003}}"#
+            .replace('\n', "");
+        let text = format!("{line}\n{{\"grasp\":0,\"contacts\":[]}}\n");
+        GraspLog { grasps, ..GraspLog::parse(text.as_bytes(), "some.jsonl".as_ref()).unwrap() }
+    }
+
+    #[test]
+    fn earlier_contacts_move_with_the_object() {
+        let quarter =
+            Pose::new(Point::new(1.0, 0.0, 0.0), Point::z() * std::f64::consts::FRAC_PI_2);
+        let up = Pose::translation(0.0, 0.0, 0.5);
+        let log = log(vec![
+            grasp(0, None, Point::new(0.1, 0.0, 0.0)),
+            grasp(1, Some(quarter), Point::new(0.2, 0.0, 0.0)),
+            grasp(2, Some(up), Point::new(0.3, 0.0, 0.0)),
+        ]);
+        let contacts = from_log(&log, Fixed::No).unwrap();
+        let at = |x: f64| contacts.iter().find(|c| (c.point.norm() - x).abs() < 1e-12).unwrap();
+        // The last stays, the one before is lifted, the first turned and lifted.
+        assert_eq!(at(0.3).point_deviation, 0.002);
+        let second = contacts.iter().find(|c| (c.point.x - 0.2).abs() < 1e-12).unwrap();
+        assert_eq!((second.point.z, second.normal), (0.5, Some(Point::x())));
+        assert!((second.point_deviation - 0.002f64.hypot(0.003)).abs() < 1e-12);
+        let first = contacts.iter().find(|c| (c.point.x - 1.0).abs() < 1e-12).unwrap();
+        assert!((first.point - Point::new(1.0, 0.1, 0.5)).norm() < 1e-12);
+        assert!((first.normal.unwrap() - Point::y()).norm() < 1e-12);
+        assert!(first.point_deviation > second.point_deviation);
+        // Or all stay.
+        let still = from_log(&log, Fixed::Yes).unwrap();
+        assert!(still.iter().all(|c| c.point.z == 0.0 && c.point_deviation == 0.002));
+    }
+
+    #[test]
+    fn unknown_motions_and_planar_logs_are_refused() {
+        let unknown = log(vec![grasp(0, None, Point::x()), grasp(4, None, Point::x())]);
+        let error = from_log(&unknown, Fixed::No).unwrap_err().to_string();
+        assert!(error.contains("grasp 4, field `motion`") && error.contains("--fixed"), "{error}");
+        assert_eq!(from_log(&unknown, Fixed::Yes).unwrap().len(), 2);
+        let planar = GraspLog { dimension: 2, ..unknown };
+        assert!(matches!(from_log(&planar, Fixed::Yes), Err(ContactsError::Planar)));
+    }
+}
