@@ -13,6 +13,7 @@ pub mod cli;
 pub mod dense;
 pub mod experiment;
 pub mod experts;
+pub mod graph;
 pub mod link;
 pub mod log;
 pub mod quantity;

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::cli::{Error, say};
 use crate::experiment::chapter2::{self, FIGURES};
-use crate::experiment::{Picture, calibration, data, memory, push, shapes, tracking};
+use crate::experiment::{Picture, calibration, data, graph, memory, push, shapes, tracking};
 use crate::log::write::write_atomically;
 use crate::quantity::{self, Deviation};
 
@@ -73,7 +73,7 @@ const SHAPES: &str = "shapes";
 const OTHERS: [&str; 2] = ["figure-3.12", "push"];
 
 /// Not part of `all`, which would take hours with them.
-const LONG: [&str; 3] = [SHAPES, "calibration", "memory"];
+const LONG: [&str; 4] = [SHAPES, "calibration", "memory", "graph"];
 
 fn names() -> Vec<&'static str> {
     let figures = FIGURES.iter().map(|f| f.name);
@@ -122,7 +122,7 @@ fn cannot_write(path: &Path, why: &dyn Display) -> Error {
 /// Missing recordings, a folder that cannot be written.
 pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
     if let Some(option) = args.shapes.given()
-        && args.name != SHAPES
+        && args.name != SHAPES && args.name != "graph"
     {
         return Err(Error::input(format!("{option}: only shapes takes it, not {}", args.name)));
     }
@@ -192,6 +192,14 @@ fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
     }
     if name == "calibration" {
         let table = calibration::run(data().as_deref(), 0, args.seeds).map_err(Error::failure)?;
+        return Outcome::new(name, &table, None);
+    }
+    if name == "graph" {
+        let mut selection = graph::Selection::usual(args.seeds);
+        if !args.shapes.object.is_empty() {
+            selection.objects = args.shapes.object.clone();
+        }
+        let table = graph::run(&selection).map_err(Error::failure)?;
         return Outcome::new(name, &table, None);
     }
     if name == "memory" {

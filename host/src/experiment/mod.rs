@@ -3,6 +3,7 @@
 
 pub mod calibration;
 pub mod chapter2;
+pub mod graph;
 pub mod memory;
 pub mod model;
 pub mod push;
