@@ -122,7 +122,8 @@ fn cannot_write(path: &Path, why: &dyn Display) -> Error {
 /// Missing recordings, a folder that cannot be written.
 pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
     if let Some(option) = args.shapes.given()
-        && args.name != SHAPES && args.name != "graph"
+        && args.name != SHAPES
+        && args.name != "graph"
     {
         return Err(Error::input(format!("{option}: only shapes takes it, not {}", args.name)));
     }

@@ -28,11 +28,13 @@ pub struct Selection {
 impl Selection {
     /// What the published table shows.
     pub fn usual(seeds: u64) -> Selection {
-        let objects = [
-            "rectangle:0.10x0.06",
-            "hexagon:0.045",
-        ];
-        Selection { objects: objects.map(String::from).to_vec(), noise: vec![1.0], seeds, first_seed: 0 }
+        let objects = ["rectangle:0.10x0.06", "hexagon:0.045"];
+        Selection {
+            objects: objects.map(String::from).to_vec(),
+            noise: vec![1.0],
+            seeds,
+            first_seed: 0,
+        }
     }
 }
 
@@ -45,15 +47,16 @@ pub fn run(selection: &Selection) -> Result<Table, SimError> {
     for object in &selection.objects {
         let spec: ObjectSpec = object.parse()?;
         for part in &selection.noise {
-            let motion_noise =
-                Deviation { length: 0.01 * part, angle: (20.0 * part).to_radians() };
+            let motion_noise = Deviation { length: 0.01 * part, angle: (20.0 * part).to_radians() };
             let options = Options { motion_noise, ..Options::new(spec.clone()) };
             let seeds = selection.first_seed..selection.first_seed + selection.seeds;
             let runs: Vec<Vec<Option<Report>>> = seeds
                 .into_par_iter()
                 .filter_map(|seed| both(&Options { seed, ..options.clone() }))
                 .collect();
-            for (way, name) in ["tracker", "graph", "graph, no retrack", "retrack alone"].into_iter().enumerate() {
+            for (way, name) in
+                ["tracker", "graph", "graph, no retrack", "retrack alone"].into_iter().enumerate()
+            {
                 let reports: Vec<Report> = runs.iter().filter_map(|r| r[way].clone()).collect();
                 let case = format!("{object}, {:.0} %, {name}", 100.0 * part);
                 rows.push(Row::of(case, &reports, selection.seeds));
@@ -71,16 +74,31 @@ fn both(options: &Options) -> Option<Vec<Option<Report>>> {
     let tracked = start.elapsed().as_secs_f64();
     let judge = |steps| evaluate(log, Some(&simulation.geometry), steps, "bootstrap", Choice::Auto);
     let mut out = vec![judge(steps.clone())];
-    let mut line = format!("{} seed {} track {tracked:.2}s H {:.1}", options.object, options.seed, out[0].as_ref().and_then(|r| r.surface.hausdorff_aligned_mm).unwrap_or(f64::NAN));
+    let mut line = format!(
+        "{} seed {} track {tracked:.2}s H {:.1}",
+        options.object,
+        options.seed,
+        out[0].as_ref().and_then(|r| r.surface.hausdorff_aligned_mm).unwrap_or(f64::NAN)
+    );
     let plain = Effort { retrack: false, ..Effort::default() };
-    let cases: [(&[&[track::Step]], Effort); 3] = [(&[&steps], Effort::default()), (&[&steps], plain), (&[], Effort::default())];
+    let cases: [(&[&[track::Step]], Effort); 3] =
+        [(&[&steps], Effort::default()), (&[&steps], plain), (&[], Effort::default())];
     for (given, effort) in cases {
         let start = Instant::now();
         let corrected = planes(log, given, effort);
         let seconds = start.elapsed().as_secs_f64();
         let report = corrected.as_ref().and_then(|c| judge(c.relative()));
         if let (Some(c), Some(r)) = (&corrected, &report) {
-            line += &format!(" | cost {:.1} faces {} x {:.2} chi {:.2} H {:.1} pose {:.1}/{:.1} {seconds:.3}s", c.cost, c.faces.len(), c.explained(), c.per_degree, r.surface.hausdorff_aligned_mm.unwrap_or(f64::NAN), r.pose.rms_translation_mm.unwrap_or(f64::NAN), r.pose.rms_rotation_deg.unwrap_or(f64::NAN));
+            line += &format!(
+                " | cost {:.1} faces {} x {:.2} chi {:.2} H {:.1} pose {:.1}/{:.1} {seconds:.3}s",
+                c.cost,
+                c.faces.len(),
+                c.explained(),
+                c.per_degree,
+                r.surface.hausdorff_aligned_mm.unwrap_or(f64::NAN),
+                r.pose.rms_translation_mm.unwrap_or(f64::NAN),
+                r.pose.rms_rotation_deg.unwrap_or(f64::NAN)
+            );
         }
         out.push(report);
     }

@@ -100,7 +100,12 @@ pub fn targets<const D: usize>(problem: &Problem, solved: &Solved<D>) -> Vec<Tar
 }
 
 /// Covariance of a face's normal.
-fn turning(dimension: usize, face: &Face, covariance: &DMatrix<f64>, number: usize) -> Matrix3<f64> {
+fn turning(
+    dimension: usize,
+    face: &Face,
+    covariance: &DMatrix<f64>,
+    number: usize,
+) -> Matrix3<f64> {
     let tangents = face.tangents(dimension);
     let at = dimension * number;
     let mut sum = Matrix3::zeros();
@@ -123,12 +128,16 @@ fn against(problem: &Problem, plane: &faces::Face, contact: &Contact) -> Contact
 }
 
 /// The target a contact (object frame) suits best, and its cost there or without one.
-fn aim(problem: &Problem, targets: &[Target], contact: &Contact, slack: f64) -> (Option<usize>, f64) {
+fn aim(
+    problem: &Problem,
+    targets: &[Target],
+    contact: &Contact,
+    slack: f64,
+) -> (Option<usize>, f64) {
     let (mut found, mut least) = (None, problem.unexplained(contact));
     for (j, target) in targets.iter().enumerate() {
         let face = Face { normal: target.plane.normal, offset: target.plane.offset };
-        let cost =
-            problem.on_within(&face, &against(problem, &target.plane, contact), slack);
+        let cost = problem.on_within(&face, &against(problem, &target.plane, contact), slack);
         if cost < least {
             (found, least) = (Some(j), cost);
         }
@@ -146,8 +155,14 @@ fn cost_at(problem: &Problem, targets: &[Target], grasp: usize, pose: &Pose) -> 
 }
 
 /// What a motion costs.
-fn step_cost(problem: &Problem, before: &Pose, after: &Pose, motion: &Motion) -> f64 {
-    let step = factors::step(before, after, &motion.pose, motion.deviations);
+fn step_cost(
+    problem: &Problem,
+    before: &Pose,
+    after: &Pose,
+    motion: &Motion,
+    centre: &Point,
+) -> f64 {
+    let step = factors::step(before, after, &motion.pose, motion.deviations, centre);
     problem.slip.cost(step.residual.norm_squared()).0
 }
 
@@ -159,6 +174,7 @@ pub fn seek<const D: usize>(
     grasp: usize,
     before: &Pose,
     start: Pose,
+    centre: &Point,
 ) -> Option<Candidate>
 where
     Const<D>: DimMin<Const<D>, Output = Const<D>>,
@@ -169,7 +185,7 @@ where
     for slack in SLACK {
         let mut h = SMatrix::<f64, D, D>::zeros();
         let mut g = SVector::<f64, D>::zeros();
-        let step = factors::step(before, &pose, &motion.pose, motion.deviations);
+        let step = factors::step(before, &pose, &motion.pose, motion.deviations, centre);
         let weight = problem.slip.cost(step.residual.norm_squared()).1;
         let after = SMatrix::<f64, 6, D>::from_fn(|r, c| step.by_after[(r, chosen[c])]);
         h += after.tr_mul(&after) * weight;
@@ -223,6 +239,7 @@ pub fn candidates<const D: usize>(
     targets: &[Target],
     grasp: usize,
     before: &Pose,
+    centre: &Point,
 ) -> Vec<Candidate>
 where
     Const<D>: DimMin<Const<D>, Output = Const<D>>,
@@ -235,14 +252,16 @@ where
         for turn in TURNS {
             let angle = (turn * motion.deviations[1]).min(std::f64::consts::PI);
             for sign in [-1.0, 1.0] {
-                starts.push(retract(&predicted, &Tangent::ith(*axis, sign * angle)));
+                starts.push(turned(&predicted, *axis, sign * angle, centre));
             }
         }
     }
     let mut found: Vec<(f64, Candidate)> = Vec::new();
     for start in starts {
-        let Some(candidate) = seek::<D>(problem, targets, grasp, before, start) else { continue };
-        let total = candidate.cost + step_cost(problem, before, &candidate.pose, motion);
+        let Some(candidate) = seek::<D>(problem, targets, grasp, before, start, centre) else {
+            continue;
+        };
+        let total = candidate.cost + step_cost(problem, before, &candidate.pose, motion, centre);
         match found.iter_mut().find(|(_, other)| same(&other.pose, &candidate.pose)) {
             Some(other) if total < other.0 => *other = (total, candidate),
             Some(_) => {}
@@ -251,6 +270,12 @@ where
     }
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
     found.into_iter().map(|(_, candidate)| candidate).collect()
+}
+
+/// `pose` with the object turned about its centre and one of its axes (3 to 5).
+fn turned(pose: &Pose, axis: usize, angle: f64, centre: &Point) -> Pose {
+    let shift = Pose::from_parts((*centre).into(), Default::default());
+    retract(&(pose * shift), &Tangent::ith(axis, angle)) * shift.inverse()
 }
 
 fn same(a: &Pose, b: &Pose) -> bool {
@@ -295,9 +320,9 @@ where
     Const<D>: DimMin<Const<D>, Output = Const<D>>,
 {
     let poses = best.state.poses.clone();
+    let centre = problem.middle(&poses);
     let all = targets(problem, best);
-    let now: Vec<f64> =
-        (0..poses.len()).map(|k| cost_at(problem, &all, k, &poses[k])).collect();
+    let now: Vec<f64> = (0..poses.len()).map(|k| cost_at(problem, &all, k, &poses[k])).collect();
     let mut moves = Vec::new();
     for k in 1..poses.len() {
         if problem.of(k).is_empty() {
@@ -310,9 +335,9 @@ where
             .copied()
             .collect();
         let step = |pose: &Pose, before: &Pose| {
-            step_cost(problem, before, pose, &problem.motions[k])
+            step_cost(problem, before, pose, &problem.motions[k], &centre)
         };
-        for mut candidate in candidates::<D>(problem, &others, k, &poses[k - 1]) {
+        for mut candidate in candidates::<D>(problem, &others, k, &poses[k - 1], &centre) {
             if same(&candidate.pose, &poses[k]) {
                 continue;
             }
@@ -324,8 +349,8 @@ where
                 .sum();
             let next = poses.get(k + 1).map_or(0.0, |next| {
                 let motion = &problem.motions[k + 1];
-                step_cost(problem, &candidate.pose, next, motion)
-                    - step_cost(problem, &poses[k], next, motion)
+                step_cost(problem, &candidate.pose, next, motion, &centre)
+                    - step_cost(problem, &poses[k], next, motion, &centre)
             });
             // Back to the numbers of all targets.
             let number = |j: usize| all.iter().position(|t| same_target(t, &others[j]));

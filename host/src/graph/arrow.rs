@@ -94,8 +94,8 @@ impl<const D: usize> Arrow<D> {
             let mut below = SMatrix::<f64, D, D>::zeros();
             if k > 0 {
                 // below = coupling · L⁻ᵀ of the pose before.
-                let solved = factor.lower[k - 1]
-                    .solve_lower_triangular(&self.coupling[k].transpose())?;
+                let solved =
+                    factor.lower[k - 1].solve_lower_triangular(&self.coupling[k].transpose())?;
                 below = solved.transpose();
                 block -= below * solved;
                 half -= below * &factor.half[k - 1];

@@ -157,7 +157,8 @@ fn pairs<const D: usize>(problem: &Problem, solved: &Solved<D>) -> Vec<(usize, u
             let at = |k: usize| {
                 if k < dimension { dimension * i + k } else { dimension * j + k - dimension }
             };
-            let own = DMatrix::from_fn(2 * dimension, 2 * dimension, |r, c| covariance[(at(r), at(c))]);
+            let own =
+                DMatrix::from_fn(2 * dimension, 2 * dimension, |r, c| covariance[(at(r), at(c))]);
             let spread = &rows * own * rows.transpose();
             let Some(factor) = spread.cholesky() else { continue };
             let chi = difference.dot(&factor.solve(&difference));
@@ -222,9 +223,8 @@ fn appear<const D: usize>(problem: &Problem, best: &mut Solved<D>) -> bool {
             k => doubt(contact, &six_by_six(&inverse.given_faces[k - 1])),
         }
     };
-    let contacts: Vec<Option<Contact>> = (0..best.labels.len())
-        .map(|i| best.labels[i].is_none().then(|| placed(i)))
-        .collect();
+    let contacts: Vec<Option<Contact>> =
+        (0..best.labels.len()).map(|i| best.labels[i].is_none().then(|| placed(i))).collect();
     let (faces, own) = fitted(problem.dimension, &contacts);
     let mut changed = false;
     for (number, face) in faces.into_iter().enumerate() {

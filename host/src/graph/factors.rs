@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Matrix4x3, Matrix4x6, Matrix6, Vector4, Vector6};
 
 use super::tangent::{Face, Tangent, local, log_jacobian};
 use crate::reference::Contact;
-use crate::space::Pose;
+use crate::space::{Point, Pose};
 
 /// Charbonnier's (soft-L1) kernel: a parabola up to about `bound` deviations, a straight line beyond.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,13 +83,22 @@ pub struct Step {
     pub by_after: Matrix6<f64>,
 }
 
-/// The tangent from motion ∘ `before` to `after`, over the deviations of translation and rotation.
-pub fn step(before: &Pose, after: &Pose, motion: &Pose, deviations: [f64; 2]) -> Step {
+/// The tangent from motion ∘ `before` to `after`, over the deviations of translation and rotation. It
+/// turns about `centre` (object frame): objects slip about their own middle, not about the middle of
+/// the first grasp, where the object frame happens to be.
+pub fn step(
+    before: &Pose,
+    after: &Pose,
+    motion: &Pose,
+    deviations: [f64; 2],
+    centre: &Point,
+) -> Step {
     let predicted = motion * before;
     let error: Tangent = local(&predicted, after);
-    let (t, w) = (error.fixed_rows::<3>(0).into_owned(), error.fixed_rows::<3>(3).into_owned());
-    let [exact_t, exact_w] = deviations.map(|d| 1.0 / d);
     let turned = predicted.rotation.inverse() * after.rotation;
+    let moved = error.fixed_rows::<3>(0).into_owned() + turned * centre;
+    let (t, w) = (moved - centre, error.fixed_rows::<3>(3).into_owned());
+    let [exact_t, exact_w] = deviations.map(|d| 1.0 / d);
     let logarithm = log_jacobian(&w);
     let mut step = Step {
         residual: Vector6::zeros(),
@@ -100,9 +109,11 @@ pub fn step(before: &Pose, after: &Pose, motion: &Pose, deviations: [f64; 2]) ->
     step.residual.fixed_rows_mut::<3>(3).copy_from(&(w * exact_w));
     let rotation = turned.to_rotation_matrix();
     step.by_after.fixed_view_mut::<3, 3>(0, 0).copy_from(&(rotation.matrix() * exact_t));
+    let lever = rotation.matrix() * centre.cross_matrix();
+    step.by_after.fixed_view_mut::<3, 3>(0, 3).copy_from(&(lever * -exact_t));
     step.by_after.fixed_view_mut::<3, 3>(3, 3).copy_from(&(logarithm * exact_w));
     step.by_before.fixed_view_mut::<3, 3>(0, 0).copy_from(&(Matrix3::identity() * -exact_t));
-    step.by_before.fixed_view_mut::<3, 3>(0, 3).copy_from(&(t.cross_matrix() * exact_t));
+    step.by_before.fixed_view_mut::<3, 3>(0, 3).copy_from(&(moved.cross_matrix() * exact_t));
     step.by_before.fixed_view_mut::<3, 3>(3, 3).copy_from(&(logarithm.transpose() * -exact_w));
     step
 }
@@ -111,7 +122,6 @@ pub fn step(before: &Pose, after: &Pose, motion: &Pose, deviations: [f64; 2]) ->
 mod tests {
     use super::super::tangent::retract;
     use super::*;
-    use crate::space::Point;
     use proptest::prelude::*;
 
     fn pose() -> impl Strategy<Value = Pose> {
@@ -166,17 +176,21 @@ mod tests {
             before in pose(),
             motion in pose(),
             off in proptest::array::uniform6(-0.7f64..0.7),
+            centre in proptest::array::uniform3(-0.2f64..0.2),
         ) {
             let after = retract(&(motion * before), &Tangent::from(off));
             let deviations = [0.2, 0.4];
-            let all = step(&before, &after, &motion, deviations);
-            prop_assert!((all.residual[0] - off[0] / 0.2).abs() < 1e-9);
+            let centre = Point::from(centre);
+            let all = step(&before, &after, &motion, deviations, &centre);
+            let turn = retract(&Pose::identity(), &Tangent::from(off)).rotation;
+            let shift = Point::new(off[0], off[1], off[2]) + turn * centre - centre;
+            prop_assert!((all.residual.fixed_rows::<3>(0) - shift / 0.2).norm() < 1e-9);
             prop_assert!((all.residual[5] - off[5] / 0.4).abs() < 1e-9);
             for k in 0..6 {
                 let at = |h: f64, first: bool| {
                     let by = |p: &Pose| retract(p, &Tangent::ith(k, h));
                     let (b, a) = if first { (by(&before), after) } else { (before, by(&after)) };
-                    step(&b, &a, &motion, deviations).residual
+                    step(&b, &a, &motion, deviations, &centre).residual
                 };
                 let slope = |first| (at(H, first) - at(-H, first)) / (2.0 * H);
                 prop_assert!((slope(true) - all.by_before.column(k)).norm() < 1e-6);

@@ -11,7 +11,6 @@
 //! their residuals and derivatives, [`solve`](mod@solve) the Levenberg–Marquardt iteration on the structure that
 //! [`arrow`] exploits, [`explain`] and [`alias`] decide which contact lies on which face and at which of several
 //! look-alike poses a grasp was made, [`retrack`] builds a trajectory of its own.
-//! for curved objects what faces do for flat ones.
 
 pub mod alias;
 pub mod arrow;
@@ -24,4 +23,26 @@ pub mod size;
 pub mod solve;
 pub mod tangent;
 
-pub use planes::{Corrected, Plane, planes};
+pub use planes::{Corrected, Effort, Plane, planes};
+
+use crate::log::GraspLog;
+use crate::slam::track::Step;
+
+/// The corrections on offer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Kind {
+    /// Poses and flat faces estimated together
+    Planes,
+    /// None: the tracker's poses stand
+    None,
+}
+
+impl Kind {
+    /// The log's steps corrected; `None` where they stand.
+    pub fn correct(self, log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
+        match self {
+            Kind::Planes => planes(log, &[steps], Effort::default()),
+            Kind::None => None,
+        }
+    }
+}

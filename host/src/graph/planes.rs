@@ -224,10 +224,11 @@ fn per_degree<const D: usize>(problem: &Problem, best: &Solved<D>) -> f64 {
             degrees += (problem.dimension - 1) as f64;
         }
     }
+    let centre = problem.middle(&best.state.poses);
     for k in 1..best.state.poses.len() {
         let motion = &problem.motions[k];
         let (before, after) = (&best.state.poses[k - 1], &best.state.poses[k]);
-        let step = super::factors::step(before, after, &motion.pose, motion.deviations);
+        let step = super::factors::step(before, after, &motion.pose, motion.deviations, &centre);
         chi += step.residual.norm_squared();
     }
     chi / (degrees - (problem.dimension * best.state.faces.len()) as f64).max(1.0)

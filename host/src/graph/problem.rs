@@ -153,6 +153,13 @@ impl Problem {
         own.iter().map(|f| f.contact.point).sum::<Point>() / own.len().max(1) as f64
     }
 
+    /// The middle of the contacts in the object frame: what slips turn about.
+    pub fn middle(&self, poses: &[Pose]) -> Point {
+        let count = self.starts[poses.len().min(self.grasps())];
+        let sum: Point = (0..count).map(|i| self.placed(poses, i).point).sum();
+        sum / count.max(1) as f64
+    }
+
     /// A contact in the object frame.
     pub fn placed(&self, poses: &[Pose], contact: usize) -> Contact {
         let felt = &self.felt[contact];
@@ -200,7 +207,9 @@ fn usable(contact: Contact) -> Option<Contact> {
         && positive(contact.point_deviation)
         && positive(contact.normal_deviation);
     let normal = match contact.normal {
-        Some(normal) => Some(normal.try_normalize(1e-3).filter(|n| n.iter().all(|v| v.is_finite()))?),
+        Some(normal) => {
+            Some(normal.try_normalize(1e-3).filter(|n| n.iter().all(|v| v.is_finite()))?)
+        }
         None => None,
     };
     fine.then_some(Contact { normal, ..contact })

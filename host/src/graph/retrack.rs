@@ -36,9 +36,9 @@ where
         for hypothesis in &kept {
             let all = targets(problem, hypothesis);
             let before = *hypothesis.state.poses.last()?;
-            for candidate in
-                candidates::<D>(problem, &all, grasp, &before).into_iter().take(CONTINUED)
-            {
+            let centre = problem.middle(&hypothesis.state.poses);
+            let found = candidates::<D>(problem, &all, grasp, &before, &centre);
+            for candidate in found.into_iter().take(CONTINUED) {
                 let mut state = hypothesis.state.clone();
                 let mut labels = hypothesis.labels.clone();
                 labels.resize(problem.starts[grasp + 1], None);
@@ -69,7 +69,8 @@ fn distinct<const D: usize>(sorted: &mut Vec<Solved<D>>) {
             let apart = one.state.poses.iter().zip(&other.state.poses).map(|(a, b)| local(a, b));
             one.labels == other.labels
                 || apart.fold(0.0, |worst: f64, t| {
-                    worst.max(t.fixed_rows::<3>(0).norm() / 2e-3)
+                    worst
+                        .max(t.fixed_rows::<3>(0).norm() / 2e-3)
                         .max(t.fixed_rows::<3>(3).norm() / 0.05)
                 }) < 1.0
         };

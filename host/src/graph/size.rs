@@ -22,10 +22,11 @@ pub fn convex(dimension: usize, faces: &[Face], points: &[Point]) -> f64 {
     let middle: Point = points.iter().sum::<Point>() / count;
     let reach = points.iter().map(|p| (p - middle).norm()).fold(0.0, f64::max) * OPEN;
     let mut planes = faces.to_vec();
-    planes.extend(rounds(dimension).into_iter().map(|normal| Face {
-        normal,
-        offset: normal.dot(&middle) + reach,
-    }));
+    planes.extend(
+        rounds(dimension)
+            .into_iter()
+            .map(|normal| Face { normal, offset: normal.dot(&middle) + reach }),
+    );
     (0..planes.len()).map(|j| piece(dimension, &planes, j, 4.0 * reach)).sum()
 }
 
@@ -80,8 +81,8 @@ fn piece(dimension: usize, planes: &[Face], j: usize, reach: f64) -> f64 {
             return 0.0;
         }
     }
-    let fan = (2..polygon.len())
-        .map(|i| (polygon[i - 1] - polygon[0]).cross(&(polygon[i] - polygon[0])));
+    let fan =
+        (2..polygon.len()).map(|i| (polygon[i - 1] - polygon[0]).cross(&(polygon[i] - polygon[0])));
     0.5 * fan.sum::<Point>().norm()
 }
 

@@ -50,7 +50,9 @@ pub fn solve<const D: usize>(
     mut state: State,
     labels: Labels,
 ) -> Option<Solved<D>> {
-    let (mut cost, mut arrow) = linearise::<D>(problem, &state, &labels);
+    // Held, so that the cost has a gradient; it moves by millimetres.
+    let centre = problem.middle(&state.poses);
+    let (mut cost, mut arrow) = linearise::<D>(problem, &state, &labels, &centre);
     let mut damping = DAMPING.0;
     let mut iterations = 0;
     while iterations < ITERATIONS && cost.is_finite() {
@@ -64,7 +66,7 @@ pub fn solve<const D: usize>(
             continue;
         };
         let next = displaced::<D>(problem.dimension, &state, &poses, faces.as_slice());
-        let (lower, linear) = linearise::<D>(problem, &next, &labels);
+        let (lower, linear) = linearise::<D>(problem, &next, &labels, &centre);
         if lower < cost {
             let gained = cost - lower;
             (state, cost, arrow) = (next, lower, linear);
@@ -105,11 +107,12 @@ fn displaced<const D: usize>(
     next
 }
 
-/// The robust cost of contacts and motions, and its quadratic.
+/// The robust cost of contacts and motions, and its quadratic. Motions slip about `centre`.
 pub fn linearise<const D: usize>(
     problem: &Problem,
     state: &State,
     labels: &Labels,
+    centre: &Point,
 ) -> (f64, Arrow<D>) {
     let dimension = problem.dimension;
     let poses = state.poses.len().saturating_sub(1);
@@ -153,7 +156,7 @@ pub fn linearise<const D: usize>(
     for k in 1..state.poses.len() {
         let motion = &problem.motions[k];
         let (before, after) = (&state.poses[k - 1], &state.poses[k]);
-        let step = factors::step(before, after, &motion.pose, motion.deviations);
+        let step = factors::step(before, after, &motion.pose, motion.deviations, centre);
         let (own, weight) = problem.slip.cost(step.residual.norm_squared());
         cost += own;
         let before = SMatrix::<f64, 6, D>::from_fn(|r, c| step.by_before[(r, chosen[c])]);

@@ -83,7 +83,8 @@ impl Face {
     /// (metres).
     pub fn retract(&self, dimension: usize, change: &[f64]) -> Face {
         let tangents = self.tangents(dimension);
-        let turned: Point = tangents.iter().zip(change).take(dimension - 1).map(|(t, c)| t * *c).sum();
+        let turned: Point =
+            tangents.iter().zip(change).take(dimension - 1).map(|(t, c)| t * *c).sum();
         let normal = (self.normal + turned).normalize();
         Face { normal, offset: self.offset + change.get(dimension - 1).copied().unwrap_or(0.0) }
     }
