@@ -127,7 +127,8 @@ where
         }
     }
     if effort.retrack {
-        found.extend(retrack::<D>(problem));
+        let first = trajectories.first().and_then(|steps| Some(steps.first()?.pose));
+        found.extend(retrack::<D>(problem, first));
     }
     for solved in &mut found {
         for _ in 0..effort.rounds {

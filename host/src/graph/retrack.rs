@@ -12,6 +12,7 @@ use super::problem::{Problem, State};
 use super::solve::Solved;
 use super::tangent::local;
 use crate::reference::Contact;
+use crate::space::Pose;
 
 /// Hypotheses kept, and continuations tried of each.
 const KEPT: usize = 4;
@@ -20,12 +21,12 @@ const CONTINUED: usize = 3;
 /// Nats behind the best at which a hypothesis is given up.
 const HOPELESS: f64 = 15.0;
 
-/// The cheapest graph found grasp by grasp; `None` where a number is not finite.
-pub fn retrack<const D: usize>(problem: &Problem) -> Option<Solved<D>>
+/// The cheapest graph found grasp by grasp, from the first pose if there is one; `None` where a number is not finite.
+pub fn retrack<const D: usize>(problem: &Problem, first: Option<Pose>) -> Option<Solved<D>>
 where
     Const<D>: DimMin<Const<D>, Output = Const<D>>,
 {
-    let poses = problem.poses(&[]);
+    let poses = problem.poses(&[first]);
     let first = State { poses: vec![*poses.first()?], faces: Vec::new() };
     let contacts: Vec<Option<Contact>> =
         problem.of(0).map(|i| Some(problem.placed(&first.poses, i))).collect();

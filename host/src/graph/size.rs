@@ -153,7 +153,7 @@ mod tests {
     #[test]
     fn nothing_has_no_size() {
         assert_eq!(boxed(3, &[]), 0.0);
-        assert_eq!(convex(2, &faces(&CUBE[..4], 0.02), &[]), 0.16);
+        assert_eq!(convex(2, &faces(&CUBE[..4], 0.02), &[]), 0.0);
         // Two planes with their insides apart leave nothing between them.
         let apart = faces(&CUBE[..2], -0.01);
         assert_eq!(convex(2, &apart, &[Point::zeros()]), 0.0);

@@ -12,8 +12,13 @@ use crate::space::Point;
 /// Most iterations.
 const ITERATIONS: usize = 40;
 
+/// Descents with the centre about which objects slip where it then is, and how far it may move without
+/// another, metres.
+const PASSES: usize = 3;
+const STILL: f64 = 1e-4;
+
 /// Nats by which an iteration must lower the cost for another to be worth while.
-const ENOUGH: f64 = 1e-7;
+const ENOUGH: f64 = 1e-5;
 
 /// Damping at first, and beyond which nothing lowers the cost any more.
 const DAMPING: (f64, f64) = (1e-4, 1e9);
@@ -50,40 +55,56 @@ pub fn solve<const D: usize>(
     mut state: State,
     labels: Labels,
 ) -> Option<Solved<D>> {
-    // Held, so that the cost has a gradient; it moves by millimetres.
-    let centre = problem.middle(&state.poses);
-    let (mut cost, mut arrow) = linearise::<D>(problem, &state, &labels, &centre);
-    let mut damping = DAMPING.0;
-    let mut iterations = 0;
-    while iterations < ITERATIONS && cost.is_finite() {
-        iterations += 1;
-        let step = arrow.factor(damping).and_then(|f| f.step(&arrow));
-        let Some((poses, faces)) = step else {
-            damping *= 10.0;
-            if damping > DAMPING.1 {
-                break;
-            }
-            continue;
-        };
-        let next = displaced::<D>(problem.dimension, &state, &poses, faces.as_slice());
-        let (lower, linear) = linearise::<D>(problem, &next, &labels, &centre);
-        if lower < cost {
-            let gained = cost - lower;
-            (state, cost, arrow) = (next, lower, linear);
-            damping = (damping * 0.1).max(1e-9);
-            if gained < ENOUGH {
-                break;
-            }
-        } else {
-            damping *= 10.0;
-            if damping > DAMPING.1 || (cost - lower).abs() < ENOUGH {
-                break;
-            }
+    let (mut arrow, mut cost, mut iterations) = (None, f64::INFINITY, 0);
+    let mut centre = problem.middle(&state.poses);
+    for _ in 0..PASSES {
+        // The centre is held while descending, so that the cost has a gradient.
+        let (least, at) = descend::<D>(problem, &mut state, &labels, &centre, &mut iterations);
+        (cost, arrow) = (least, Some(at));
+        let moved = problem.middle(&state.poses);
+        if (moved - centre).norm() < STILL {
+            break;
         }
+        centre = moved;
     }
-    let factor = arrow.factor(0.0)?;
+    let factor = arrow?.factor(0.0)?;
     let cost = cost + worth(problem, &state, &labels, &factor);
     cost.is_finite().then_some(Solved { state, labels, cost, factor, iterations })
+}
+
+/// Takes `state` to the optimum, with the cost and its quadratic there.
+fn descend<const D: usize>(
+    problem: &Problem,
+    state: &mut State,
+    labels: &Labels,
+    centre: &Point,
+    iterations: &mut usize,
+) -> (f64, Arrow<D>) {
+    let (mut cost, mut arrow) = linearise::<D>(problem, state, labels, centre);
+    let mut damping = DAMPING.0;
+    for _ in 0..ITERATIONS {
+        if !cost.is_finite() || damping > DAMPING.1 {
+            break;
+        }
+        *iterations += 1;
+        let Some((poses, faces)) = arrow.factor(damping).and_then(|f| f.step(&arrow)) else {
+            damping *= 10.0;
+            continue;
+        };
+        let next = displaced::<D>(problem.dimension, state, &poses, faces.as_slice());
+        let (lower, linear) = linearise::<D>(problem, &next, labels, centre);
+        let gained = cost - lower;
+        if gained > 0.0 {
+            (*state, cost, arrow) = (next, lower, linear);
+            damping = (damping * 0.1).max(1e-9);
+        } else {
+            damping *= 10.0;
+        }
+        if gained.abs() < ENOUGH {
+            break;
+        }
+    }
+    (cost, arrow)
 }
 
 /// Moves every pose but the first, and every face.
