@@ -107,6 +107,7 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
         tracker: &tracker,
         surface: Choice::Auto,
         tracking_seconds: fed.seconds,
+        graph: None,
         progress: &progress,
     };
     let outcome = conclude(log, truth.as_ref(), fed.steps, provenance)

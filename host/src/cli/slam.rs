@@ -6,10 +6,11 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 
 use crate::cli::{Error, progress, say};
+use crate::graph;
 use crate::log::GraspLog;
 use crate::shape::Geometry;
 use crate::slam::choose::Choice;
-use crate::slam::output::{Outcome, Provenance, check_folder, conclude, true_shape};
+use crate::slam::output::{Correction, Outcome, Provenance, check_folder, conclude, true_shape};
 use crate::slam::{reconstruct, track};
 
 /// Reconstruct an object and its poses from a grasp log.
@@ -25,6 +26,9 @@ pub struct SlamArgs {
     /// How poses are estimated
     #[arg(long, value_enum, default_value_t = track::Kind::Bootstrap)]
     tracker: track::Kind,
+    /// Correction of all poses together, after the tracker [default: planes, for --poses truth none]
+    #[arg(long, value_enum)]
+    graph: Option<graph::Kind>,
     /// Surface model
     #[arg(long, value_enum, default_value_t = SurfaceKind::Auto)]
     surface: SurfaceKind,
@@ -128,6 +132,15 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
         Poses::Estimated => (args.tracker.follow(log, args.seed), args.tracker.name()),
     };
     let tracking_seconds = start.elapsed().as_secs_f64();
+    let kind = args.graph.unwrap_or(match args.poses {
+        Poses::Truth => graph::Kind::None,
+        Poses::Estimated => graph::Kind::Planes,
+    });
+    let start = Instant::now();
+    let corrected = kind.correct(log, &steps);
+    let graph_seconds = start.elapsed().as_secs_f64();
+    let relative = corrected.as_ref().map(graph::Corrected::relative);
+    let steps = corrected.map_or(steps, |c| c.steps);
     let surface = match args.surface {
         SurfaceKind::Auto => Choice::Auto,
         SurfaceKind::Faces => Choice::Faces,
@@ -138,6 +151,8 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
         tracker,
         surface,
         tracking_seconds,
+        graph: (kind != graph::Kind::None)
+            .then_some(Correction { seconds: graph_seconds, relative: relative.as_deref() }),
         progress: &progress,
     };
     let outcome = conclude(log, truth.as_ref(), steps, provenance)

@@ -42,8 +42,14 @@ fn evaluate(
     tracker: &str,
     surface: Choice,
 ) -> Option<Report> {
-    let provenance =
-        Provenance { title: "", tracker, surface, tracking_seconds: 0.0, progress: &|_, _| () };
+    let provenance = Provenance {
+        title: "",
+        tracker,
+        surface,
+        tracking_seconds: 0.0,
+        graph: None,
+        progress: &|_, _| (),
+    };
     conclude(log, truth, steps, provenance).ok().map(|outcome| outcome.report)
 }
 

@@ -54,6 +54,16 @@ pub struct Outcome {
     times: Vec<f64>,
 }
 
+/// What the graph did between tracker and surface.
+#[derive(Clone, Copy)]
+pub struct Correction<'a> {
+    /// How long it took, seconds.
+    pub seconds: f64,
+    /// The steps with the covariances that say how uncertain contacts are beside each other
+    /// ([`crate::graph::Corrected::relative`]); `None` where the graph left the tracker's.
+    pub relative: Option<&'a [Step]>,
+}
+
 /// How a run came about, for its report.
 #[derive(Clone, Copy)]
 pub struct Provenance<'a> {
@@ -65,6 +75,8 @@ pub struct Provenance<'a> {
     pub surface: Choice,
     /// How long the tracker took, seconds.
     pub tracking_seconds: f64,
+    /// What was corrected after the tracker, if anything was.
+    pub graph: Option<Correction<'a>>,
     /// Told how far the reconstruction is, where it takes long.
     pub progress: Progress<'a>,
 }
@@ -81,9 +93,11 @@ pub fn conclude(
     provenance: Provenance<'_>,
 ) -> Result<Outcome, reconstruct::Error> {
     let start = Instant::now();
-    let reconstruction = reconstruct(log, &steps, provenance.surface, provenance.progress)?;
-    let seconds =
-        [("track", provenance.tracking_seconds), ("surface", start.elapsed().as_secs_f64())];
+    let placing = provenance.graph.and_then(|g| g.relative).unwrap_or(&steps);
+    let reconstruction = reconstruct(log, placing, provenance.surface, provenance.progress)?;
+    let mut seconds =
+        vec![("track", provenance.tracking_seconds), ("surface", start.elapsed().as_secs_f64())];
+    seconds.extend(provenance.graph.map(|g| ("graph", g.seconds)));
     let grasps = judged(log, &steps);
     let report = Report::new(&Run {
         dimension: log.dimension,

@@ -158,7 +158,7 @@ pub fn place(log: &GraspLog, steps: &[Step]) -> Vec<Placed> {
 }
 
 /// The contact with the uncertainty of its pose added.
-fn doubt(contact: Contact, covariance: &Matrix6<f64>) -> Contact {
+pub(crate) fn doubt(contact: Contact, covariance: &Matrix6<f64>) -> Contact {
     let Some(n) = contact.normal else { return contact };
     let m = contact.point.cross(&n);
     let h = Vector6::new(n.x, n.y, n.z, m.x, m.y, m.z);

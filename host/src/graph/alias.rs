@@ -1,0 +1,388 @@
+//! At which of several look-alike poses a grasp was made.
+//!
+//! A tracker that took a contact for one on the next face stays beside the truth: no descent leads
+//! back. So poses are sought again from starts all over the motion's uncertainty, against the faces
+//! and against what single contacts say, and tried on the whole graph: for the grasp alone, or for it
+//! and all after it, which its mistake has led astray.
+
+use nalgebra::{Const, DMatrix, DimMin, Matrix3, SMatrix, SVector};
+
+use super::explain::{attempt, supported};
+use super::factors;
+use super::problem::{Labels, Motion, Problem, State};
+use super::solve::{Solved, face_variance};
+use super::tangent::{Face, Tangent, axes, local, retract};
+use crate::reference::Contact;
+use crate::reference::faces;
+use crate::space::{Point, Pose};
+
+/// Starts: turns about each axis, in deviations of the motion.
+const TURNS: [f64; 4] = [0.8, 1.6, 2.4, 3.2];
+
+/// By how much deviations are enlarged, iteration by iteration.
+const SLACK: [f64; 9] = [8.0, 6.0, 4.0, 3.0, 2.0, 1.5, 1.0, 1.0, 1.0];
+
+/// Poses nearer than this (metres, radians) are the same.
+const SAME: [f64; 2] = [2e-3, 0.05];
+
+/// Moves tried on the whole graph at most, and the nats by which the quick estimate may call them
+/// worse: faces are there as the mistake left them.
+const TRIED: usize = 6;
+const WORSE: f64 = 25.0;
+
+/// Something a contact can lie on: a face, or the plane that one contact which no face explains
+/// suggests.
+#[derive(Clone, Copy, Debug)]
+pub struct Target {
+    /// With its uncertainty.
+    pub plane: faces::Face,
+    /// The contact that suggests it, if it is not a face.
+    pub contact: Option<usize>,
+}
+
+/// A pose a grasp may have been made at.
+#[derive(Clone, Debug)]
+pub struct Candidate {
+    /// Object to world.
+    pub pose: Pose,
+    /// The target of each of its contacts.
+    pub targets: Vec<Option<usize>>,
+    /// Cost of its contacts.
+    pub cost: f64,
+}
+
+/// All faces, in their order, and then the contacts without one.
+pub fn targets<const D: usize>(problem: &Problem, solved: &Solved<D>) -> Vec<Target> {
+    let state = &solved.state;
+    let covariance = solved.factor.faces();
+    let mut centres = vec![(Point::zeros(), 0usize); state.faces.len()];
+    let mut lone = Vec::new();
+    for (i, label) in solved.labels.iter().enumerate() {
+        let contact = problem.placed(&state.poses, i);
+        match (label, contact.normal) {
+            (Some(face), _) => {
+                centres[*face].0 += contact.point;
+                centres[*face].1 += 1;
+            }
+            (None, Some(normal)) => lone.push((i, contact, normal)),
+            (None, None) => {}
+        }
+    }
+    let known = state.faces.iter().zip(centres).enumerate().map(|(j, (face, (sum, contacts)))| {
+        let centroid = sum / contacts.max(1) as f64;
+        Target {
+            plane: faces::Face {
+                normal: face.normal,
+                offset: face.offset,
+                centroid,
+                offset_variance: face_variance(problem.dimension, state, &covariance, j, &centroid),
+                normal_covariance: turning(problem.dimension, face, &covariance, j),
+                contacts,
+            },
+            contact: None,
+        }
+    });
+    let lone = lone.into_iter().map(|(i, contact, normal)| {
+        let across = Matrix3::identity() - normal * normal.transpose();
+        Target {
+            plane: faces::Face {
+                normal,
+                offset: normal.dot(&contact.point),
+                centroid: contact.point,
+                offset_variance: contact.point_deviation.powi(2),
+                normal_covariance: across * contact.normal_deviation.powi(2),
+                contacts: 1,
+            },
+            contact: Some(i),
+        }
+    });
+    known.chain(lone).collect()
+}
+
+/// Covariance of a face's normal.
+fn turning(
+    dimension: usize,
+    face: &Face,
+    covariance: &DMatrix<f64>,
+    number: usize,
+) -> Matrix3<f64> {
+    let tangents = face.tangents(dimension);
+    let at = dimension * number;
+    let mut sum = Matrix3::zeros();
+    for a in 0..dimension - 1 {
+        for b in 0..dimension - 1 {
+            sum += tangents[a] * tangents[b].transpose() * covariance[(at + a, at + b)];
+        }
+    }
+    sum
+}
+
+/// The contact (object frame) as uncertain as it is with respect to an uncertain plane.
+fn against(problem: &Problem, plane: &faces::Face, contact: &Contact) -> Contact {
+    let turns = plane.normal_covariance.trace() / (problem.dimension - 1) as f64;
+    Contact {
+        point_deviation: (contact.point_deviation.powi(2) + plane.variance(&contact.point)).sqrt(),
+        normal_deviation: (contact.normal_deviation.powi(2) + turns).sqrt(),
+        ..*contact
+    }
+}
+
+/// The target a contact (object frame) suits best, and its cost there or without one.
+fn aim(
+    problem: &Problem,
+    targets: &[Target],
+    contact: &Contact,
+    slack: f64,
+) -> (Option<usize>, f64) {
+    let (mut found, mut least) = (None, problem.unexplained(contact));
+    for (j, target) in targets.iter().enumerate() {
+        let face = Face { normal: target.plane.normal, offset: target.plane.offset };
+        let cost = problem.on_within(&face, &against(problem, &target.plane, contact), slack);
+        if cost < least {
+            (found, least) = (Some(j), cost);
+        }
+    }
+    (found, least)
+}
+
+/// What a grasp's contacts cost at a pose.
+fn cost_at(problem: &Problem, targets: &[Target], grasp: usize, pose: &Pose) -> f64 {
+    let inverse = pose.inverse();
+    problem
+        .of(grasp)
+        .map(|i| aim(problem, targets, &problem.felt[i].contact.transformed(&inverse), 1.0).1)
+        .sum()
+}
+
+/// What a motion costs.
+fn step_cost(
+    problem: &Problem,
+    before: &Pose,
+    after: &Pose,
+    motion: &Motion,
+    centre: &Point,
+) -> f64 {
+    let step = factors::step(before, after, &motion.pose, motion.deviations, centre);
+    problem.slip.cost(step.residual.norm_squared()).0
+}
+
+/// The pose near `start` at which the grasp's contacts suit the targets, held by the motion from the
+/// pose `before`.
+pub fn seek<const D: usize>(
+    problem: &Problem,
+    targets: &[Target],
+    grasp: usize,
+    before: &Pose,
+    start: Pose,
+    centre: &Point,
+) -> Option<Candidate>
+where
+    Const<D>: DimMin<Const<D>, Output = Const<D>>,
+{
+    let chosen = axes::<D>();
+    let motion = &problem.motions[grasp];
+    let mut pose = start;
+    for slack in SLACK {
+        let mut h = SMatrix::<f64, D, D>::zeros();
+        let mut g = SVector::<f64, D>::zeros();
+        let step = factors::step(before, &pose, &motion.pose, motion.deviations, centre);
+        let weight = problem.slip.cost(step.residual.norm_squared()).1;
+        let after = SMatrix::<f64, 6, D>::from_fn(|r, c| step.by_after[(r, chosen[c])]);
+        h += after.tr_mul(&after) * weight;
+        g += after.tr_mul(&step.residual) * weight;
+        let inverse = pose.inverse();
+        for i in problem.of(grasp) {
+            let world = &problem.felt[i].contact;
+            let contact = world.transformed(&inverse);
+            let Some(target) = aim(problem, targets, &contact, slack).0 else { continue };
+            let plane = &targets[target].plane;
+            let sure = against(problem, plane, world);
+            let sure = Contact {
+                point_deviation: slack * against(problem, plane, &contact).point_deviation,
+                normal_deviation: slack * sure.normal_deviation,
+                ..*world
+            };
+            let face = Face { normal: plane.normal, offset: plane.offset };
+            let touch = factors::touch(&pose, &face, problem.dimension, &sure);
+            let by_pose = SMatrix::<f64, 4, D>::from_fn(|r, c| touch.by_pose[(r, chosen[c])]);
+            let off = problem.kernel.cost(touch.residual[0].powi(2)).1;
+            let turned = touch.residual.fixed_rows::<3>(1).norm_squared();
+            let turned = problem.kernel.cost(turned).1;
+            for row in 0..4 {
+                let weight = if row == 0 { off } else { turned };
+                let j = by_pose.row(row);
+                h += j.transpose() * j * weight;
+                g += j.transpose() * (weight * touch.residual[row]);
+            }
+        }
+        let change = -(h.cholesky()?.solve(&g));
+        let mut tangent = Tangent::zeros();
+        for (i, axis) in chosen.into_iter().enumerate() {
+            tangent[axis] = change[i];
+        }
+        pose = retract(&pose, &tangent);
+    }
+    let inverse = pose.inverse();
+    let (mut found, mut cost) = (Vec::new(), 0.0);
+    for i in problem.of(grasp) {
+        let contact = problem.felt[i].contact.transformed(&inverse);
+        let (target, own) = aim(problem, targets, &contact, 1.0);
+        found.push(target);
+        cost += own;
+    }
+    cost.is_finite().then_some(Candidate { pose, targets: found, cost })
+}
+
+/// The distinct poses found from all starts, the likeliest first (contacts and motion).
+pub fn candidates<const D: usize>(
+    problem: &Problem,
+    targets: &[Target],
+    grasp: usize,
+    before: &Pose,
+    centre: &Point,
+) -> Vec<Candidate>
+where
+    Const<D>: DimMin<Const<D>, Output = Const<D>>,
+{
+    let motion = &problem.motions[grasp];
+    let predicted = motion.pose * before;
+    let axes: &[usize] = if problem.dimension == 2 { &[5] } else { &[3, 4, 5] };
+    let mut starts = vec![predicted];
+    for axis in axes {
+        for turn in TURNS {
+            let angle = (turn * motion.deviations[1]).min(std::f64::consts::PI);
+            for sign in [-1.0, 1.0] {
+                starts.push(turned(&predicted, *axis, sign * angle, centre));
+            }
+        }
+    }
+    let mut found: Vec<(f64, Candidate)> = Vec::new();
+    for start in starts {
+        let Some(candidate) = seek::<D>(problem, targets, grasp, before, start, centre) else {
+            continue;
+        };
+        let total = candidate.cost + step_cost(problem, before, &candidate.pose, motion, centre);
+        match found.iter_mut().find(|(_, other)| same(&other.pose, &candidate.pose)) {
+            Some(other) if total < other.0 => *other = (total, candidate),
+            Some(_) => {}
+            None => found.push((total, candidate)),
+        }
+    }
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    found.into_iter().map(|(_, candidate)| candidate).collect()
+}
+
+/// `pose` with the object turned about its centre and one of its axes (3 to 5).
+fn turned(pose: &Pose, axis: usize, angle: f64, centre: &Point) -> Pose {
+    let shift = Pose::from_parts((*centre).into(), Default::default());
+    retract(&(pose * shift), &Tangent::ith(axis, angle)) * shift.inverse()
+}
+
+fn same(a: &Pose, b: &Pose) -> bool {
+    let apart = local(a, b);
+    apart.fixed_rows::<3>(0).norm() < SAME[0] && apart.fixed_rows::<3>(3).norm() < SAME[1]
+}
+
+/// Labels of one grasp's contacts as a candidate has them. A contact aimed at another contact's plane
+/// makes a face with it.
+pub fn relabel(
+    problem: &Problem,
+    targets: &[Target],
+    grasp: usize,
+    candidate: &Candidate,
+    state: &mut State,
+    labels: &mut Labels,
+) {
+    for (i, target) in problem.of(grasp).zip(&candidate.targets) {
+        labels[i] = target.map(|j| match targets[j].contact {
+            None => j,
+            Some(other) => *labels[other].get_or_insert_with(|| {
+                let plane = &targets[j].plane;
+                state.faces.push(Face { normal: plane.normal, offset: plane.offset });
+                state.faces.len() - 1
+            }),
+        });
+    }
+}
+
+/// A grasp, or it and all after it, at another pose.
+struct Move {
+    grasp: usize,
+    candidate: Candidate,
+    all_after: bool,
+    /// Estimated change of the cost.
+    change: f64,
+}
+
+/// Tries the most promising other poses; whether one lowered the cost.
+pub fn restart<const D: usize>(problem: &Problem, best: &mut Solved<D>) -> bool
+where
+    Const<D>: DimMin<Const<D>, Output = Const<D>>,
+{
+    let poses = best.state.poses.clone();
+    let centre = problem.middle(&poses);
+    let all = targets(problem, best);
+    let now: Vec<f64> = (0..poses.len()).map(|k| cost_at(problem, &all, k, &poses[k])).collect();
+    let mut moves = Vec::new();
+    for k in 1..poses.len() {
+        if problem.of(k).is_empty() {
+            continue;
+        }
+        // Its own contacts that no face explains are no evidence for staying.
+        let others: Vec<Target> = all
+            .iter()
+            .filter(|t| t.contact.is_none_or(|i| problem.felt[i].grasp != k))
+            .copied()
+            .collect();
+        let step = |pose: &Pose, before: &Pose| {
+            step_cost(problem, before, pose, &problem.motions[k], &centre)
+        };
+        for mut candidate in candidates::<D>(problem, &others, k, &poses[k - 1], &centre) {
+            if same(&candidate.pose, &poses[k]) {
+                continue;
+            }
+            let own = candidate.cost - now[k] + step(&candidate.pose, &poses[k - 1])
+                - step(&poses[k], &poses[k - 1]);
+            let shift = poses[k].inverse() * candidate.pose;
+            let tail: f64 = (k + 1..poses.len())
+                .map(|i| cost_at(problem, &all, i, &(poses[i] * shift)) - now[i])
+                .sum();
+            let next = poses.get(k + 1).map_or(0.0, |next| {
+                let motion = &problem.motions[k + 1];
+                step_cost(problem, &candidate.pose, next, motion, &centre)
+                    - step_cost(problem, &poses[k], next, motion, &centre)
+            });
+            // Back to the numbers of all targets.
+            let number = |j: usize| all.iter().position(|t| same_target(t, &others[j]));
+            candidate.targets = candidate.targets.iter().map(|t| number((*t)?)).collect();
+            for (all_after, change) in [(false, own + next), (true, own + tail)] {
+                if change < WORSE {
+                    moves.push(Move { grasp: k, candidate: candidate.clone(), all_after, change });
+                }
+            }
+        }
+    }
+    moves.sort_by(|a, b| a.change.total_cmp(&b.change));
+    moves.into_iter().take(TRIED).any(|m| {
+        let (mut state, mut labels) = (best.state.clone(), best.labels.clone());
+        let shift = poses[m.grasp].inverse() * m.candidate.pose;
+        relabel(problem, &all, m.grasp, &m.candidate, &mut state, &mut labels);
+        state.poses[m.grasp] = m.candidate.pose;
+        if m.all_after {
+            for k in m.grasp + 1..state.poses.len() {
+                state.poses[k] = poses[k] * shift;
+                for i in problem.of(k) {
+                    let contact = problem.placed(&state.poses, i);
+                    let known = &all[..best.state.faces.len()];
+                    labels[i] = aim(problem, known, &contact, 1.0).0;
+                }
+            }
+        }
+        let (state, labels) = supported(problem, state, labels);
+        attempt(problem, best, state, labels)
+    })
+}
+
+fn same_target(a: &Target, b: &Target) -> bool {
+    a.contact == b.contact && a.plane.normal == b.plane.normal && a.plane.offset == b.plane.offset
+}

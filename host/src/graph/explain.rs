@@ -1,0 +1,289 @@
+//! Which contact lies on which face: handing contacts over, and faces that merge, appear, part and go.
+//!
+//! Every such move is tried on the whole graph and kept if the cost, a negative log evidence, falls;
+//! so there is no limit in millimetres or degrees at which faces are the same.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::problem::{Labels, Problem, State};
+use super::solve::{Solved, offset_row, solve};
+use super::tangent::{Face, six_by_six};
+use crate::reference::Contact;
+use crate::reference::faces::{Faces, Owner};
+use crate::slam::reconstruct::doubt;
+use crate::space::Point;
+
+/// Rounds of solving and handing contacts over.
+const ROUNDS: usize = 4;
+
+/// Faces turned against each other by more than this cannot be one, cosine.
+const ALIKE: f64 = 0.7;
+
+/// Merges tried at most each time; those less plausible by this many nats than what the linearised
+/// problem allows are not tried.
+const MOST_MERGES: usize = 4;
+const HOPELESS: f64 = 15.0;
+
+/// Solves, hands every contact to the face that suits it best, and again until nothing changes.
+pub fn settle<const D: usize>(
+    problem: &Problem,
+    state: State,
+    labels: Labels,
+) -> Option<Solved<D>> {
+    let (state, labels) = supported(problem, state, labels);
+    let mut best = solve::<D>(problem, state, labels)?;
+    for _ in 0..ROUNDS {
+        let (state, labels) =
+            supported(problem, best.state.clone(), assigned(problem, &best.state));
+        if labels == best.labels && state.faces.len() == best.state.faces.len() {
+            break;
+        }
+        let next = solve::<D>(problem, state, labels)?;
+        if next.cost > best.cost - 1e-6 {
+            break;
+        }
+        best = next;
+    }
+    Some(best)
+}
+
+/// The face that suits each contact best, if one suits it better than none.
+pub fn assigned(problem: &Problem, state: &State) -> Labels {
+    (0..problem.until(state))
+        .map(|i| {
+            let contact = problem.placed(&state.poses, i);
+            best(problem, &state.faces, &contact, None).map(|(face, _)| face)
+        })
+        .collect()
+}
+
+/// The face that suits a contact (object frame) best, `barred` aside, and what that costs; `None`
+/// where having no face costs less.
+pub fn best(
+    problem: &Problem,
+    faces: &[Face],
+    contact: &Contact,
+    barred: Option<usize>,
+) -> Option<(usize, f64)> {
+    let mut found = None;
+    let mut least = problem.unexplained(contact);
+    for (j, face) in faces.iter().enumerate().filter(|(j, _)| Some(*j) != barred) {
+        let cost = problem.on(face, contact);
+        if cost < least {
+            (found, least) = (Some((j, cost)), cost);
+        }
+    }
+    found
+}
+
+/// Without the faces that fewer than two contacts support, one of them with a normal.
+pub fn supported(problem: &Problem, state: State, labels: Labels) -> (State, Labels) {
+    let mut counts = vec![[0usize; 2]; state.faces.len()];
+    for (felt, label) in problem.felt.iter().zip(&labels) {
+        if let Some(face) = label {
+            counts[*face][0] += 1;
+            counts[*face][1] += usize::from(felt.contact.normal.is_some());
+        }
+    }
+    let mut numbers = vec![None; counts.len()];
+    let mut faces = Vec::new();
+    for (j, count) in counts.iter().enumerate() {
+        if count[0] >= 2 && count[1] >= 1 {
+            numbers[j] = Some(faces.len());
+            faces.push(state.faces[j]);
+        }
+    }
+    let labels = labels.into_iter().map(|label| numbers[label?]).collect();
+    (State { faces, ..state }, labels)
+}
+
+/// Faces fitted to contacts in the object frame (`None`: not to be used), and the labels.
+pub fn fitted(dimension: usize, contacts: &[Option<Contact>]) -> (Vec<Face>, Labels) {
+    let given: Vec<Contact> = contacts.iter().flatten().copied().collect();
+    let Some(faces) = Faces::fit(dimension, &given) else {
+        return (Vec::new(), vec![None; contacts.len()]);
+    };
+    let mut owners = faces.owners.iter();
+    let label = |contact: &Option<Contact>| {
+        contact.as_ref()?;
+        match owners.next()?.as_ref()? {
+            Owner::Face(face) => Some(*face),
+            _ => None,
+        }
+    };
+    let labels = contacts.iter().map(label).collect();
+    let faces = faces.faces.iter().map(|f| Face { normal: f.normal, offset: f.offset });
+    (faces.collect(), labels)
+}
+
+/// Pairs of faces that may be one, the most plausible first.
+///
+/// The Bayes factor for "the same plane" is the density of their difference at zero after all contacts
+/// over that before any (Savage–Dickey, Dickey 1971), with their joint covariance, so that faces felt
+/// from uncertain poses are compared with that uncertainty.
+fn pairs<const D: usize>(problem: &Problem, solved: &Solved<D>) -> Vec<(usize, usize)> {
+    let (dimension, state) = (problem.dimension, &solved.state);
+    let covariance = solved.factor.faces();
+    let mut centres = vec![(Point::zeros(), 0.0); state.faces.len()];
+    for (i, label) in solved.labels.iter().enumerate() {
+        if let Some(face) = label {
+            centres[*face].0 += problem.placed(&state.poses, i).point;
+            centres[*face].1 += 1.0;
+        }
+    }
+    let mut found = Vec::new();
+    for i in 0..state.faces.len() {
+        for j in 0..i {
+            let (a, b) = (&state.faces[i], &state.faces[j]);
+            if a.normal.dot(&b.normal) < ALIKE {
+                continue;
+            }
+            let middle = (centres[i].0 + centres[j].0) / (centres[i].1 + centres[j].1);
+            let (s, t) = (a.tangents(dimension), b.tangents(dimension));
+            let mut difference = DVector::zeros(dimension);
+            let mut rows = DMatrix::zeros(dimension, 2 * dimension);
+            for k in 0..dimension - 1 {
+                difference[k] = s[k].dot(&b.normal);
+                rows[(k, k)] = -1.0;
+                for l in 0..dimension - 1 {
+                    rows[(k, dimension + l)] = s[k].dot(&t[l]);
+                }
+            }
+            difference[dimension - 1] = b.value(&middle) - a.value(&middle);
+            for l in 0..dimension {
+                rows[(dimension - 1, l)] = -offset_row(dimension, state, i, &middle)[l];
+                rows[(dimension - 1, dimension + l)] = offset_row(dimension, state, j, &middle)[l];
+            }
+            let at = |k: usize| {
+                if k < dimension { dimension * i + k } else { dimension * j + k - dimension }
+            };
+            let own =
+                DMatrix::from_fn(2 * dimension, 2 * dimension, |r, c| covariance[(at(r), at(c))]);
+            let spread = &rows * own * rows.transpose();
+            let Some(factor) = spread.cholesky() else { continue };
+            let chi = difference.dot(&factor.solve(&difference));
+            let scale = dimension as f64 * std::f64::consts::TAU.ln() + factor.determinant().ln();
+            let plausible = problem.vague() - 0.5 * (chi + scale);
+            if plausible > -HOPELESS {
+                found.push((plausible, (i, j)));
+            }
+        }
+    }
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.into_iter().map(|(_, pair)| pair).take(MOST_MERGES).collect()
+}
+
+/// Tries every kind of move once; whether one lowered the cost.
+pub fn improve<const D: usize>(problem: &Problem, best: &mut Solved<D>) -> bool {
+    let before = best.cost;
+    // Merged faces make others comparable: as long as it goes.
+    while merge(problem, best) {}
+    appear(problem, best);
+    part(problem, best);
+    go(problem, best);
+    best.cost < before - 1e-6
+}
+
+/// Keeps what is proposed if it costs less.
+pub fn attempt<const D: usize>(
+    problem: &Problem,
+    best: &mut Solved<D>,
+    state: State,
+    labels: Labels,
+) -> bool {
+    match settle::<D>(problem, state, labels) {
+        Some(next) if next.cost < best.cost - 1e-6 => {
+            *best = next;
+            true
+        }
+        _ => false,
+    }
+}
+
+/// Two faces become one.
+fn merge<const D: usize>(problem: &Problem, best: &mut Solved<D>) -> bool {
+    pairs(problem, best).into_iter().any(|(i, j)| {
+        let mut labels = best.labels.clone();
+        let count = |face| best.labels.iter().filter(|l| **l == Some(face)).count();
+        let (kept, gone) = if count(i) < count(j) { (j, i) } else { (i, j) };
+        for label in labels.iter_mut().filter(|l| **l == Some(gone)) {
+            *label = Some(kept);
+        }
+        attempt(problem, best, best.state.clone(), labels)
+    })
+}
+
+/// Contacts that nothing explains make faces among themselves.
+fn appear<const D: usize>(problem: &Problem, best: &mut Solved<D>) -> bool {
+    let Some(inverse) = best.factor.inverse() else { return false };
+    let placed = |i: usize| {
+        let contact = problem.placed(&best.state.poses, i);
+        match problem.felt[i].grasp {
+            0 => contact,
+            k => doubt(contact, &six_by_six(&inverse.given_faces[k - 1])),
+        }
+    };
+    let contacts: Vec<Option<Contact>> =
+        (0..best.labels.len()).map(|i| best.labels[i].is_none().then(|| placed(i))).collect();
+    let (faces, own) = fitted(problem.dimension, &contacts);
+    let mut changed = false;
+    for (number, face) in faces.into_iter().enumerate() {
+        if own.iter().filter(|l| **l == Some(number)).count() < 2 {
+            continue;
+        }
+        let (mut state, mut labels) = (best.state.clone(), best.labels.clone());
+        for (label, own) in labels.iter_mut().zip(&own) {
+            if label.is_none() && *own == Some(number) {
+                *label = Some(state.faces.len());
+            }
+        }
+        state.faces.push(face);
+        changed |= attempt(problem, best, state, labels);
+    }
+    changed
+}
+
+/// The contacts of one face make several.
+fn part<const D: usize>(problem: &Problem, best: &mut Solved<D>) -> bool {
+    let mut changed = false;
+    for face in 0..best.state.faces.len() {
+        if face >= best.state.faces.len() {
+            break;
+        }
+        let contacts: Vec<Option<Contact>> = (0..best.labels.len())
+            .map(|i| (best.labels[i] == Some(face)).then(|| problem.placed(&best.state.poses, i)))
+            .collect();
+        let (faces, own) = fitted(problem.dimension, &contacts);
+        if faces.len() < 2 {
+            continue;
+        }
+        let (mut state, mut labels) = (best.state.clone(), best.labels.clone());
+        for (label, own) in labels.iter_mut().zip(&own) {
+            if let Some(own) = own {
+                *label = Some(state.faces.len() + own);
+            }
+        }
+        state.faces.extend(faces);
+        changed |= attempt(problem, best, state, labels);
+    }
+    changed
+}
+
+/// A face goes and its contacts are handed to others.
+fn go<const D: usize>(problem: &Problem, best: &mut Solved<D>) -> bool {
+    let mut changed = false;
+    let mut face = 0;
+    while face < best.state.faces.len() {
+        let mut labels = best.labels.clone();
+        for (i, label) in labels.iter_mut().enumerate().filter(|(_, l)| **l == Some(face)) {
+            let contact = problem.placed(&best.state.poses, i);
+            *label = self::best(problem, &best.state.faces, &contact, Some(face)).map(|b| b.0);
+        }
+        if attempt(problem, best, best.state.clone(), labels) {
+            changed = true;
+        } else {
+            face += 1;
+        }
+    }
+    changed
+}

@@ -1,0 +1,51 @@
+//! Global correction: all grasps and the object's faces estimated together, after the tracker.
+//!
+//! A tracker that goes forward only keeps the mistakes it made when it knew little. The thesis (3.3.3)
+//! corrects them by a graph whose edges are relative poses between pairs of similar grasps; five
+//! contacts then serve many edges as if they were independent. Here nothing is counted twice: every
+//! contact is one measurement of one face from one pose, and poses, faces and motions are solved in one
+//! least-squares problem (planar SLAM: Kaess, ICRA 2015; the sparsity is that of bundle adjustment,
+//! Triggs et al. 2000).
+//!
+//! [`planes`](mod@planes) is the entrance. Below it, [`problem`] holds the measurements and the unknowns, [`factors`]
+//! their residuals and derivatives, [`solve`](mod@solve) the Levenberg–Marquardt iteration on the structure that
+//! [`arrow`] exploits, [`explain`] and [`alias`] decide which contact lies on which face and at which of several
+//! look-alike poses a grasp was made, [`retrack`] builds a trajectory of its own.
+
+pub mod alias;
+pub mod arrow;
+pub mod explain;
+pub mod factors;
+pub mod planes;
+pub mod problem;
+pub mod retrack;
+pub mod size;
+pub mod solve;
+pub mod tangent;
+
+pub use planes::{Corrected, Effort, Plane, planes};
+
+use crate::log::GraspLog;
+use crate::slam::track::Step;
+
+/// The corrections on offer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Kind {
+    /// Poses and flat faces estimated together
+    Planes,
+    /// None: the tracker's poses stand
+    None,
+}
+
+impl Kind {
+    /// The log's steps corrected; `None` where they stand.
+    pub fn correct(self, log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
+        match self {
+            Kind::Planes => planes(log, &[steps], Effort::default()),
+            Kind::None => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,236 @@
+//! The joint graph of poses and flat faces, from a log and what trackers made of it.
+
+use nalgebra::{Const, DimMin, Matrix3, Matrix6};
+
+use super::alias::restart;
+use super::explain::{fitted, improve, settle};
+use super::problem::{Labels, Problem, State};
+use super::retrack::retrack;
+use super::solve::Solved;
+use super::tangent::six_by_six;
+use crate::log::GraspLog;
+use crate::reference::Contact;
+use crate::slam::reconstruct::doubt;
+use crate::slam::track::Step;
+use crate::space::{Point, Pose};
+
+/// Rounds of moves: changes end after two or three.
+const ROUNDS: usize = 6;
+
+/// A face as the graph knows it, object frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plane {
+    /// Unit, out of the object.
+    pub normal: Point,
+    /// ρ of n·p = ρ, metres.
+    pub offset: f64,
+    /// The two directions in which the normal turns; in the plane the second is zero.
+    pub tangents: [Point; 2],
+    /// Covariance of the turns along them (radians) and of the offset (metres), with respect to the
+    /// frame that the first grasp fixed.
+    pub covariance: Matrix3<f64>,
+    /// Contacts that lie on it.
+    pub contacts: usize,
+}
+
+/// What the graph made of a log.
+#[derive(Clone, Debug)]
+pub struct Corrected {
+    /// The steps with corrected poses and their marginal covariances, all else as it was. The first
+    /// pose is as it was and without doubt: it defines the object frame.
+    pub steps: Vec<Step>,
+    /// Covariance of each pose if the faces were known, in the same axes: how uncertain a contact is
+    /// with respect to the others, where the marginal one also holds how uncertain all of them are
+    /// with respect to the first grasp.
+    pub given_faces: Vec<Matrix6<f64>>,
+    /// The faces.
+    pub faces: Vec<Plane>,
+    /// Which face each usable contact lies on, in the log's order; `None` where none explains it.
+    pub owners: Vec<Option<usize>>,
+    /// Negative log evidence, nats, up to a constant of the log.
+    pub cost: f64,
+    /// χ² per degree of freedom of the contacts that lie on faces: about 1 on flat faces.
+    pub per_degree: f64,
+}
+
+impl Corrected {
+    /// Share of the contacts that lie on faces.
+    pub fn explained(&self) -> f64 {
+        let explained = self.owners.iter().flatten().count();
+        explained as f64 / self.owners.len().max(1) as f64
+    }
+
+    /// The steps with the covariances of [`Corrected::given_faces`]: to place contacts side by side.
+    pub fn relative(&self) -> Vec<Step> {
+        let with = |(step, covariance): (&Step, &Matrix6<f64>)| Step {
+            covariance: *covariance,
+            ..step.clone()
+        };
+        self.steps.iter().zip(&self.given_faces).map(with).collect()
+    }
+}
+
+/// How far to search.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Effort {
+    /// Rounds of moves of faces.
+    pub rounds: usize,
+    /// Whether single grasps are tried at other poses.
+    pub restarts: bool,
+    /// Whether a trajectory of the graph's own is tried beside the trackers'.
+    pub retrack: bool,
+}
+
+impl Default for Effort {
+    fn default() -> Self {
+        Effort { rounds: ROUNDS, restarts: true, retrack: true }
+    }
+}
+
+/// All poses and faces of a log estimated together, from each of the trajectories; the cheapest
+/// result. `None` where there is nothing to correct: no grasps, or no face that two contacts share.
+///
+/// ```
+/// use tactile_host::graph::planes::{Effort, planes};
+/// use tactile_host::sim::{Options, simulate};
+/// use tactile_host::slam::track;
+/// let log = simulate(&Options::new("rectangle:0.10x0.06".parse()?))?.log;
+/// let truth = track::truth(&log)?;
+/// let corrected = planes(&log, &[&truth], Effort::default()).unwrap();
+/// assert_eq!(corrected.steps.len(), 16);
+/// assert_eq!(corrected.faces.len(), 4);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn planes(log: &GraspLog, trajectories: &[&[Step]], effort: Effort) -> Option<Corrected> {
+    let problem = Problem::new(log);
+    if log.dimension == 2 {
+        run::<3>(&problem, trajectories, effort)
+    } else {
+        run::<6>(&problem, trajectories, effort)
+    }
+}
+
+fn run<const D: usize>(
+    problem: &Problem,
+    trajectories: &[&[Step]],
+    effort: Effort,
+) -> Option<Corrected>
+where
+    Const<D>: DimMin<Const<D>, Output = Const<D>>,
+{
+    let mut found: Vec<Solved<D>> = Vec::new();
+    for steps in trajectories {
+        // With the poses' doubt and without: a tracker may be right to doubt, or not.
+        for doubted in [true, false] {
+            let (state, labels) = initial(problem, steps, doubted);
+            found.extend(settle::<D>(problem, state, labels));
+        }
+    }
+    if effort.retrack {
+        let first = trajectories.first().and_then(|steps| Some(steps.first()?.pose));
+        found.extend(retrack::<D>(problem, first));
+    }
+    for solved in &mut found {
+        for _ in 0..effort.rounds {
+            let moved = improve(problem, solved);
+            let restarted = effort.restarts && restart(problem, solved);
+            if !moved && !restarted {
+                break;
+            }
+        }
+    }
+    let best = found.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
+    let steps = trajectories.first().copied().unwrap_or_default();
+    (!best.state.faces.is_empty()).then(|| corrected(problem, &best, steps))?
+}
+
+/// Faces fitted at a tracker's poses.
+fn initial(problem: &Problem, steps: &[Step], doubted: bool) -> (State, Labels) {
+    let given: Vec<Option<Pose>> = steps.iter().map(|s| Some(s.pose)).collect();
+    let poses = problem.poses(&given);
+    let placed = |i: usize| {
+        let contact = problem.placed(&poses, i);
+        match steps.get(problem.felt[i].grasp) {
+            Some(step) if doubted && step.covariance.iter().all(|v| v.is_finite()) => {
+                doubt(contact, &step.covariance)
+            }
+            _ => contact,
+        }
+    };
+    let contacts: Vec<Option<Contact>> = (0..problem.felt.len()).map(|i| Some(placed(i))).collect();
+    let (faces, labels) = fitted(problem.dimension, &contacts);
+    (State { poses, faces }, labels)
+}
+
+fn corrected<const D: usize>(
+    problem: &Problem,
+    best: &Solved<D>,
+    steps: &[Step],
+) -> Option<Corrected> {
+    let inverse = best.factor.inverse()?;
+    let dimension = problem.dimension;
+    let blocks = |blocks: &[nalgebra::SMatrix<f64, D, D>]| -> Vec<Matrix6<f64>> {
+        std::iter::once(Matrix6::zeros()).chain(blocks.iter().map(six_by_six)).collect()
+    };
+    let (marginal, given_faces) = (blocks(&inverse.poses), blocks(&inverse.given_faces));
+    let steps = best
+        .state
+        .poses
+        .iter()
+        .zip(&marginal)
+        .enumerate()
+        .map(|(k, (pose, covariance))| {
+            let before = steps.get(k).cloned().unwrap_or_else(|| Step::certain(*pose));
+            Step { pose: *pose, covariance: *covariance, ..before }
+        })
+        .collect();
+    let faces = best.state.faces.iter().enumerate().map(|(j, face)| {
+        let mut covariance = Matrix3::zeros();
+        let number = |k: usize| if dimension == 2 && k == 1 { 2 } else { k };
+        for a in 0..dimension {
+            for b in 0..dimension {
+                covariance[(number(a), number(b))] =
+                    inverse.faces[(dimension * j + a, dimension * j + b)];
+            }
+        }
+        Plane {
+            normal: face.normal,
+            offset: face.offset,
+            tangents: face.tangents(dimension),
+            covariance,
+            contacts: best.labels.iter().filter(|l| **l == Some(j)).count(),
+        }
+    });
+    Some(Corrected {
+        steps,
+        given_faces,
+        faces: faces.collect(),
+        owners: best.labels.clone(),
+        cost: best.cost,
+        per_degree: per_degree(problem, best),
+    })
+}
+
+/// χ² of contacts and motions over the numbers measured less those found.
+fn per_degree<const D: usize>(problem: &Problem, best: &Solved<D>) -> f64 {
+    let (mut chi, mut degrees) = (0.0, 0.0);
+    for (i, label) in best.labels.iter().enumerate() {
+        let Some(face) = label else { continue };
+        let contact = problem.placed(&best.state.poses, i);
+        let face = &best.state.faces[*face];
+        chi += (face.value(&contact.point) / contact.point_deviation).powi(2);
+        degrees += 1.0;
+        if let Some(normal) = contact.normal {
+            chi += (normal - face.normal).norm_squared() / contact.normal_deviation.powi(2);
+            degrees += (problem.dimension - 1) as f64;
+        }
+    }
+    let centre = problem.middle(&best.state.poses);
+    for k in 1..best.state.poses.len() {
+        let motion = &problem.motions[k];
+        let (before, after) = (&best.state.poses[k - 1], &best.state.poses[k]);
+        let step = super::factors::step(before, after, &motion.pose, motion.deviations, &centre);
+        chi += step.residual.norm_squared();
+    }
+    chi / (degrees - (problem.dimension * best.state.faces.len()) as f64).max(1.0)
+}

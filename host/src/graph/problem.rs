@@ -1,0 +1,220 @@
+//! What was measured, and what is to be found.
+
+use crate::log::GraspLog;
+use crate::reference::Contact;
+use crate::slam::{deviations, track};
+use crate::space::{Point, Pose};
+
+use super::factors::Kernel;
+use super::tangent::Face;
+
+/// Deviations of a motion that nobody measured (metres, radians): weak, but it keeps a grasp that sees
+/// few faces from drifting off.
+const UNKNOWN: [f64; 2] = [0.1, 1.0];
+
+/// Least range of a face's offset, metres.
+const LEAST_EXTENT: f64 = 0.02;
+
+/// What a face costs before it has explained anything, −ln of how readily a new one is believed.
+const NEW: f64 = 1.5;
+fn new() -> f64 {
+    std::env::var("NEW").ok().and_then(|v| v.parse().ok()).unwrap_or(NEW)
+}
+
+/// A contact in the world frame, and who felt it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Felt {
+    /// Position of the grasp in the log.
+    pub grasp: usize,
+    /// World frame.
+    pub contact: Contact,
+}
+
+/// How the object was moved before a grasp, world to world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    /// Predicted pose = motion ∘ previous pose.
+    pub pose: Pose,
+    /// Of translation (metres) and rotation (radians), per object axis.
+    pub deviations: [f64; 2],
+}
+
+/// Everything measured.
+#[derive(Clone, Debug)]
+pub struct Problem {
+    /// 2 or 3.
+    pub dimension: usize,
+    /// All usable contacts, by grasp.
+    pub felt: Vec<Felt>,
+    /// Where in [`Problem::felt`] each grasp begins, and the end.
+    pub starts: Vec<usize>,
+    /// Before each grasp; the first is not used.
+    pub motions: Vec<Motion>,
+    /// The range in which a face's offset may lie, metres.
+    pub extent: f64,
+    /// How far a contact's place on the surface is a draw of its own.
+    pub weight: f64,
+    /// Robustness of contacts.
+    pub kernel: Kernel,
+    /// Robustness of motions, so that one slip does not bend what lies around it.
+    pub slip: Kernel,
+}
+
+/// Which face each contact lies on; `None` where no face explains it.
+pub type Labels = Vec<Option<usize>>;
+
+/// What is to be found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct State {
+    /// Object to world, one per grasp. The first stays as it is: it defines the object frame.
+    pub poses: Vec<Pose>,
+    /// Object frame.
+    pub faces: Vec<Face>,
+}
+
+impl Problem {
+    /// The measurements of a log. Contacts with numbers that are not finite are left out, a motion
+    /// with such numbers counts as unknown.
+    pub fn new(log: &GraspLog) -> Problem {
+        let noise = track::settings(log, 0).motion;
+        let usual = [f64::from(noise.translation), f64::from(noise.rotation)];
+        let (mut felt, mut starts) = (Vec::new(), vec![0]);
+        for (grasp, logged) in log.grasps.iter().enumerate() {
+            for c in &logged.contacts {
+                let (point_deviation, normal_deviation) = deviations(c, &log.noise);
+                let contact =
+                    Contact { point: c.point, normal: c.normal, point_deviation, normal_deviation };
+                felt.extend(usable(contact).map(|contact| Felt { grasp, contact }));
+            }
+            starts.push(felt.len());
+        }
+        let motion = |logged: Option<Pose>| match logged {
+            Some(pose) if finite(&pose) => Motion { pose, deviations: usual },
+            _ => Motion { pose: Pose::identity(), deviations: UNKNOWN },
+        };
+        let mut problem = Problem {
+            dimension: log.dimension,
+            felt,
+            starts,
+            motions: log.grasps.iter().map(|g| motion(g.motion)).collect(),
+            extent: LEAST_EXTENT,
+            weight: std::env::var("W").ok().and_then(|v| v.parse().ok()).unwrap_or(1.0),
+            kernel: Kernel::USUAL,
+            slip: Kernel::USUAL,
+        };
+        problem.extent = problem.reach().max(LEAST_EXTENT);
+        problem
+    }
+
+    /// How many grasps.
+    pub fn grasps(&self) -> usize {
+        self.motions.len()
+    }
+
+    /// The contacts of a grasp, by their number.
+    pub fn of(&self, grasp: usize) -> std::ops::Range<usize> {
+        self.starts[grasp]..self.starts[grasp + 1]
+    }
+
+    /// How many contacts belong to the grasps of a state, which may be the first few only.
+    pub fn until(&self, state: &State) -> usize {
+        self.starts[state.poses.len().min(self.grasps())]
+    }
+
+    /// The longest distance between two contacts of one grasp, whatever the poses.
+    fn reach(&self) -> f64 {
+        let widest = |grasp: usize| {
+            let own = &self.felt[self.of(grasp)];
+            let from = |a: &Felt| {
+                own.iter().map(|b| (a.contact.point - b.contact.point).norm()).fold(0.0, f64::max)
+            };
+            own.iter().map(from).fold(0.0, f64::max)
+        };
+        (0..self.grasps()).map(widest).fold(0.0, f64::max)
+    }
+
+    /// Poses to start from: as given where they are usable, else predicted.
+    pub fn poses(&self, given: &[Option<Pose>]) -> Vec<Pose> {
+        let mut poses: Vec<Pose> = Vec::with_capacity(self.grasps());
+        for (k, motion) in self.motions.iter().enumerate() {
+            let known = given.get(k).copied().flatten().filter(finite);
+            let predicted = match poses.last() {
+                Some(last) => motion.pose * last,
+                None => Pose::from_parts(self.centre(0).into(), Default::default()),
+            };
+            poses.push(known.unwrap_or(predicted));
+        }
+        poses
+    }
+
+    /// Centroid of a grasp's contacts, world frame; the origin without any.
+    fn centre(&self, grasp: usize) -> Point {
+        let own = &self.felt[self.of(grasp)];
+        own.iter().map(|f| f.contact.point).sum::<Point>() / own.len().max(1) as f64
+    }
+
+    /// The middle of the contacts in the object frame: what slips turn about.
+    pub fn middle(&self, poses: &[Pose]) -> Point {
+        let count = self.starts[poses.len().min(self.grasps())];
+        let sum: Point = (0..count).map(|i| self.placed(poses, i).point).sum();
+        sum / count.max(1) as f64
+    }
+
+    /// A contact in the object frame.
+    pub fn placed(&self, poses: &[Pose], contact: usize) -> Contact {
+        let felt = &self.felt[contact];
+        felt.contact.transformed(&poses[felt.grasp].inverse())
+    }
+
+    /// −ln of the density of a face's direction and offset before anything was felt.
+    pub fn vague(&self) -> f64 {
+        let directions = if self.dimension == 2 { 2.0 } else { 4.0 } * std::f64::consts::PI;
+        (directions * self.extent).ln() + new()
+    }
+
+    /// What a contact costs that no face explains: a face of its own, which it determines exactly.
+    pub fn unexplained(&self, contact: &Contact) -> f64 {
+        if contact.normal.is_some() { self.vague() } else { self.extent.ln() + new() }
+    }
+
+    /// −ln of the density of a contact that fits its face exactly.
+    pub fn exact(&self, contact: &Contact) -> f64 {
+        let root = std::f64::consts::TAU.sqrt();
+        let turns = if contact.normal.is_some() { self.dimension as i32 - 1 } else { 0 };
+        (root * contact.point_deviation).ln()
+            + f64::from(turns) * (root * contact.normal_deviation).ln()
+    }
+
+    /// What a contact (object frame) costs on a face, robustly; see [`Problem::exact`].
+    pub fn on(&self, face: &Face, contact: &Contact) -> f64 {
+        self.on_within(face, contact, 1.0)
+    }
+
+    /// The same where all deviations are larger by `slack`.
+    pub fn on_within(&self, face: &Face, contact: &Contact, slack: f64) -> f64 {
+        let square = |x: f64| x * x;
+        let off = square(face.value(&contact.point) / (slack * contact.point_deviation));
+        let turned = contact.normal.map_or(0.0, |m| {
+            (m - face.normal).norm_squared() / square(slack * contact.normal_deviation)
+        });
+        self.kernel.cost(off).0 + self.kernel.cost(turned).0 + self.exact(contact)
+    }
+}
+
+fn usable(contact: Contact) -> Option<Contact> {
+    let positive = |d: f64| d > 0.0 && d.is_finite();
+    let fine = contact.point.iter().all(|v| v.is_finite())
+        && positive(contact.point_deviation)
+        && positive(contact.normal_deviation);
+    let normal = match contact.normal {
+        Some(normal) => {
+            Some(normal.try_normalize(1e-3).filter(|n| n.iter().all(|v| v.is_finite()))?)
+        }
+        None => None,
+    };
+    fine.then_some(Contact { normal, ..contact })
+}
+
+fn finite(pose: &Pose) -> bool {
+    pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|v| v.is_finite())
+}

@@ -1,0 +1,161 @@
+//! How large a surface the faces make.
+//!
+//! Fingers touch anywhere on an object, so a contact's density on a surface of area A is 1/A: of two
+//! sets of faces that explain the contacts, the one whose surface they cover is likelier than one that
+//! reaches far beyond them (the size principle, Tenenbaum & Griffiths, Behavioral and Brain Sciences
+//! 24, 2001). Without it the fewest faces win: a hexagon becomes a parallelogram around it.
+
+use super::tangent::Face;
+use crate::space::Point;
+
+/// Surfaces are cut off so many times as far from the middle of the contacts as the farthest of them:
+/// sides that nobody touched leave them open.
+const OPEN: f64 = 2.0;
+
+/// Corners of the polygon that stands for the cut.
+const ROUND: usize = 16;
+
+/// Length (dimension 2) or area (3) of the surface of the convex object between the faces, cut off
+/// where nothing was touched; zero where there is none.
+pub fn convex(dimension: usize, faces: &[Face], points: &[Point]) -> f64 {
+    let count = points.len().max(1) as f64;
+    let middle: Point = points.iter().sum::<Point>() / count;
+    let reach = points.iter().map(|p| (p - middle).norm()).fold(0.0, f64::max) * OPEN;
+    let mut planes = faces.to_vec();
+    planes.extend(
+        rounds(dimension)
+            .into_iter()
+            .map(|normal| Face { normal, offset: normal.dot(&middle) + reach }),
+    );
+    (0..planes.len()).map(|j| piece(dimension, &planes, j, 4.0 * reach)).sum()
+}
+
+/// Of the box around the contacts, whatever their shape.
+pub fn boxed(dimension: usize, points: &[Point]) -> f64 {
+    let Some(first) = points.first() else { return 0.0 };
+    let (low, high) =
+        points.iter().fold((*first, *first), |(low, high), p| (low.inf(p), high.sup(p)));
+    let size = high - low;
+    if dimension == 2 {
+        return 2.0 * (size.x + size.y);
+    }
+    2.0 * (size.x * size.y + size.y * size.z + size.z * size.x)
+}
+
+/// Outward directions of the planes that cut.
+fn rounds(dimension: usize) -> Vec<Point> {
+    if dimension == 2 {
+        let angle = |i: usize| (i as f64 * std::f64::consts::TAU / ROUND as f64).sin_cos();
+        return (0..ROUND).map(|i| Point::new(angle(i).1, angle(i).0, 0.0)).collect();
+    }
+    let axes = [Point::x(), Point::y(), Point::z()];
+    axes.iter().flat_map(|axis| [*axis, -axis]).collect()
+}
+
+/// What the other half-spaces leave of plane `j`.
+fn piece(dimension: usize, planes: &[Face], j: usize, reach: f64) -> f64 {
+    let face = &planes[j];
+    let [t, u] = face.tangents(dimension);
+    let foot = face.normal * face.offset;
+    let others = planes.iter().enumerate().filter(|(i, _)| *i != j).map(|(_, f)| f);
+    if dimension == 2 {
+        let (mut low, mut high) = (-reach, reach);
+        for other in others {
+            let (slope, value) = (other.normal.dot(&t), other.value(&foot));
+            if slope > 1e-9 {
+                high = high.min(-value / slope);
+            } else if slope < -1e-9 {
+                low = low.max(-value / slope);
+            } else if value > 0.0 {
+                return 0.0;
+            }
+        }
+        return (high - low).max(0.0);
+    }
+    let mut polygon: Vec<Point> = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+        .map(|(a, b)| foot + t * (a * reach) + u * (b * reach))
+        .to_vec();
+    for other in others {
+        polygon = clipped(&polygon, other);
+        if polygon.len() < 3 {
+            return 0.0;
+        }
+    }
+    let fan =
+        (2..polygon.len()).map(|i| (polygon[i - 1] - polygon[0]).cross(&(polygon[i] - polygon[0])));
+    0.5 * fan.sum::<Point>().norm()
+}
+
+/// The part of a polygon below a plane (Sutherland & Hodgman 1974).
+fn clipped(polygon: &[Point], plane: &Face) -> Vec<Point> {
+    let mut kept = Vec::with_capacity(polygon.len() + 1);
+    for (i, b) in polygon.iter().enumerate() {
+        let a = &polygon[(i + polygon.len() - 1) % polygon.len()];
+        let (at_a, at_b) = (plane.value(a), plane.value(b));
+        if (at_a > 0.0) != (at_b > 0.0) {
+            kept.push(a + (b - a) * (at_a / (at_a - at_b)));
+        }
+        if at_b <= 0.0 {
+            kept.push(*b);
+        }
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn faces(normals: &[[f64; 3]], offset: f64) -> Vec<Face> {
+        normals.iter().map(|n| Face { normal: Point::from(*n).normalize(), offset }).collect()
+    }
+
+    const CUBE: [[f64; 3]; 6] = [
+        [1.0, 0.0, 0.0],
+        [-1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, -1.0, 0.0],
+        [0.0, 0.0, 1.0],
+        [0.0, 0.0, -1.0],
+    ];
+
+    fn corners(half: f64) -> Vec<Point> {
+        let sign = |bit: usize| if bit == 0 { -half } else { half };
+        (0..8).map(|i| Point::new(sign(i & 1), sign(i & 2), sign(i & 4))).collect()
+    }
+
+    #[test]
+    fn a_square_and_a_cube_have_their_own_size() {
+        let square = faces(&CUBE[..4], 0.02);
+        let flat: Vec<Point> = corners(0.02).iter().map(|p| Point::new(p.x, p.y, 0.0)).collect();
+        assert!((convex(2, &square, &flat) - 0.16).abs() < 1e-12);
+        assert!((convex(3, &faces(&CUBE, 0.02), &corners(0.02)) - 0.0096).abs() < 1e-12);
+        assert!((boxed(3, &corners(0.02)) - 0.0096).abs() < 1e-12);
+        assert!((boxed(2, &flat) - 0.16).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_is_open_or_reaches_far_is_larger_and_finite() {
+        for open in 1..6 {
+            let size = convex(3, &faces(&CUBE[..open], 0.02), &corners(0.02));
+            assert!(size > 0.011 && size < 0.2, "{open}: {size}");
+        }
+        // Without two opposite sides of a hexagon the others meet far outside.
+        let turn = |i: usize| (i as f64 * std::f64::consts::FRAC_PI_3).sin_cos();
+        let normals: Vec<[f64; 3]> = (0..6).map(|i| [turn(i).1, turn(i).0, 0.0]).collect();
+        let touched: Vec<Point> = normals.iter().map(|n| Point::from(*n) * 0.045).collect();
+        let whole = convex(2, &faces(&normals, 0.04), &touched);
+        let part: Vec<[f64; 3]> = [0, 1, 3, 4].map(|i| normals[i]).to_vec();
+        assert!((whole - 6.0 * 0.08 / 3f64.sqrt()).abs() < 1e-12);
+        assert!(convex(2, &faces(&part, 0.04), &touched) > 1.25 * whole);
+    }
+
+    #[test]
+    fn nothing_has_no_size() {
+        assert_eq!(boxed(3, &[]), 0.0);
+        assert_eq!(convex(2, &faces(&CUBE[..4], 0.02), &[]), 0.0);
+        // Two planes with their insides apart leave nothing between them.
+        let apart = faces(&CUBE[..2], -0.01);
+        assert_eq!(convex(2, &apart, &[Point::zeros()]), 0.0);
+    }
+}

@@ -1,0 +1,266 @@
+//! Levenberg–Marquardt over poses and faces for given labels, and what the optimum is worth.
+
+use nalgebra::{DMatrix, SMatrix};
+
+use super::arrow::{Arrow, Factor};
+use super::factors;
+use super::problem::{Labels, Problem, State};
+use super::size;
+use super::tangent::{Tangent, axes, retract};
+use crate::space::Point;
+
+/// Most iterations.
+const ITERATIONS: usize = 40;
+
+/// Descents with the centre about which objects slip where it then is, and how far it may move without
+/// another, metres.
+const PASSES: usize = 3;
+const STILL: f64 = 1e-4;
+
+/// Nats by which an iteration must lower the cost for another to be worth while.
+const ENOUGH: f64 = 1e-5;
+
+/// Damping at first, and beyond which nothing lowers the cost any more.
+const DAMPING: (f64, f64) = (1e-4, 1e9);
+
+/// A contact outside a face that is not its own speaks against convexity: this share of half its
+/// squared deviations, up to so many of these.
+const OUTSIDE: (f64, f64) = (0.4, 9.0);
+
+/// What it costs that an object is not convex, nats.
+const CONCAVE: f64 = 12.0;
+
+/// Least surface that counts, in (powers of) the extent: faces that enclose nothing have none.
+const LEAST_SIZE: f64 = 0.5;
+
+/// A graph at its optimum.
+#[derive(Clone, Debug)]
+pub struct Solved<const D: usize> {
+    /// Where.
+    pub state: State,
+    /// Which contact lies on which face.
+    pub labels: Labels,
+    /// −ln of how plausible all of it is, nats, up to a constant: the contacts' and motions' costs,
+    /// Laplace's approximation of the room that poses and faces have left, and the prior's.
+    pub cost: f64,
+    /// Of H at the optimum.
+    pub factor: Factor<D>,
+    /// Iterations it took.
+    pub iterations: usize,
+}
+
+/// Poses and faces of least cost, near `state`. `None` where a number is not finite.
+pub fn solve<const D: usize>(
+    problem: &Problem,
+    mut state: State,
+    labels: Labels,
+) -> Option<Solved<D>> {
+    let (mut arrow, mut cost, mut iterations) = (None, f64::INFINITY, 0);
+    let mut centre = problem.middle(&state.poses);
+    for _ in 0..PASSES {
+        // The centre is held while descending, so that the cost has a gradient.
+        let (least, at) = descend::<D>(problem, &mut state, &labels, &centre, &mut iterations);
+        (cost, arrow) = (least, Some(at));
+        let moved = problem.middle(&state.poses);
+        if (moved - centre).norm() < STILL {
+            break;
+        }
+        centre = moved;
+    }
+    let factor = arrow?.factor(0.0)?;
+    let cost = cost + worth(problem, &state, &labels, &factor);
+    cost.is_finite().then_some(Solved { state, labels, cost, factor, iterations })
+}
+
+/// Takes `state` to the optimum, with the cost and its quadratic there.
+fn descend<const D: usize>(
+    problem: &Problem,
+    state: &mut State,
+    labels: &Labels,
+    centre: &Point,
+    iterations: &mut usize,
+) -> (f64, Arrow<D>) {
+    let (mut cost, mut arrow) = linearise::<D>(problem, state, labels, centre);
+    let mut damping = DAMPING.0;
+    for _ in 0..ITERATIONS {
+        if !cost.is_finite() || damping > DAMPING.1 {
+            break;
+        }
+        *iterations += 1;
+        let Some((poses, faces)) = arrow.factor(damping).and_then(|f| f.step(&arrow)) else {
+            damping *= 10.0;
+            continue;
+        };
+        let next = displaced::<D>(problem.dimension, state, &poses, faces.as_slice());
+        let (lower, linear) = linearise::<D>(problem, &next, labels, centre);
+        let gained = cost - lower;
+        if gained > 0.0 {
+            (*state, cost, arrow) = (next, lower, linear);
+            damping = (damping * 0.1).max(1e-9);
+        } else {
+            damping *= 10.0;
+        }
+        if gained.abs() < ENOUGH {
+            break;
+        }
+    }
+    (cost, arrow)
+}
+
+/// Moves every pose but the first, and every face.
+fn displaced<const D: usize>(
+    dimension: usize,
+    state: &State,
+    poses: &[nalgebra::SVector<f64, D>],
+    faces: &[f64],
+) -> State {
+    let mut next = state.clone();
+    for (pose, step) in next.poses.iter_mut().skip(1).zip(poses) {
+        let mut tangent = Tangent::zeros();
+        for (i, axis) in axes::<D>().into_iter().enumerate() {
+            tangent[axis] = step[i];
+        }
+        *pose = retract(pose, &tangent);
+    }
+    for (face, change) in next.faces.iter_mut().zip(faces.chunks(dimension)) {
+        *face = face.retract(dimension, change);
+    }
+    next
+}
+
+/// The robust cost of contacts and motions, and its quadratic. Motions slip about `centre`.
+pub fn linearise<const D: usize>(
+    problem: &Problem,
+    state: &State,
+    labels: &Labels,
+    centre: &Point,
+) -> (f64, Arrow<D>) {
+    let dimension = problem.dimension;
+    let poses = state.poses.len().saturating_sub(1);
+    let mut arrow = Arrow::<D>::zeros(poses, dimension * state.faces.len());
+    let mut cost = 0.0;
+    let chosen = axes::<D>();
+    for (felt, label) in problem.felt.iter().zip(labels) {
+        let Some(face) = *label else { continue };
+        let pose = &state.poses[felt.grasp];
+        let mut touch = factors::touch(pose, &state.faces[face], dimension, &felt.contact);
+        let (off, off_weight) = problem.kernel.cost(touch.residual[0].powi(2));
+        let turned = touch.residual.fixed_rows::<3>(1).norm_squared();
+        let (turned, turned_weight) = problem.kernel.cost(turned);
+        cost += off + turned;
+        for row in 0..4 {
+            let weight = if row == 0 { off_weight } else { turned_weight }.sqrt();
+            touch.residual[row] *= weight;
+            touch.by_pose.row_mut(row).scale_mut(weight);
+            touch.by_face.row_mut(row).scale_mut(weight);
+        }
+        let by_pose = SMatrix::<f64, 4, D>::from_fn(|r, c| touch.by_pose[(r, chosen[c])]);
+        // In the plane a face turns about one axis.
+        let columns = if dimension == 2 { [0, 2, 2] } else { [0, 1, 2] };
+        let at = dimension * face;
+        for a in 0..dimension {
+            let column = touch.by_face.column(columns[a]);
+            arrow.rest[at + a] += column.dot(&touch.residual);
+            for b in 0..dimension {
+                arrow.corner[(at + a, at + b)] += column.dot(&touch.by_face.column(columns[b]));
+            }
+            if felt.grasp > 0 {
+                let mut rows = arrow.border[felt.grasp - 1].column_mut(at + a);
+                rows += by_pose.tr_mul(&column);
+            }
+        }
+        if felt.grasp > 0 {
+            arrow.diagonal[felt.grasp - 1] += by_pose.tr_mul(&by_pose);
+            arrow.chain[felt.grasp - 1] += by_pose.tr_mul(&touch.residual);
+        }
+    }
+    for k in 1..state.poses.len() {
+        let motion = &problem.motions[k];
+        let (before, after) = (&state.poses[k - 1], &state.poses[k]);
+        let step = factors::step(before, after, &motion.pose, motion.deviations, centre);
+        let (own, weight) = problem.slip.cost(step.residual.norm_squared());
+        cost += own;
+        let before = SMatrix::<f64, 6, D>::from_fn(|r, c| step.by_before[(r, chosen[c])]);
+        let after = SMatrix::<f64, 6, D>::from_fn(|r, c| step.by_after[(r, chosen[c])]);
+        arrow.diagonal[k - 1] += after.tr_mul(&after) * weight;
+        arrow.chain[k - 1] += after.tr_mul(&step.residual) * weight;
+        if k > 1 {
+            arrow.diagonal[k - 2] += before.tr_mul(&before) * weight;
+            arrow.chain[k - 2] += before.tr_mul(&step.residual) * weight;
+            arrow.coupling[k - 1] += after.tr_mul(&before) * weight;
+        }
+    }
+    (cost, arrow)
+}
+
+/// What the cost of contacts and motions leaves out.
+fn worth<const D: usize>(
+    problem: &Problem,
+    state: &State,
+    labels: &Labels,
+    factor: &Factor<D>,
+) -> f64 {
+    let contacts = problem.felt.iter().zip(labels).map(|(felt, label)| match label {
+        Some(_) => problem.exact(&felt.contact),
+        None => problem.unexplained(&felt.contact),
+    });
+    let faces = state.faces.len() as f64;
+    let free = faces * problem.dimension as f64;
+    contacts.sum::<f64>()
+        + faces * problem.vague()
+        + 0.5 * (factor.log_determinant() - free * std::f64::consts::TAU.ln())
+        + shape(problem, state, labels, &factor.faces())
+}
+
+/// What contacts say about the shape as a whole: the size of a convex one and how far they lie outside
+/// it, or that it is not convex.
+fn shape(problem: &Problem, state: &State, labels: &Labels, covariance: &DMatrix<f64>) -> f64 {
+    let points: Vec<Point> =
+        (0..labels.len()).map(|i| problem.placed(&state.poses, i).point).collect();
+    let mut outside = 0.0;
+    for (i, point) in points.iter().enumerate() {
+        let noise = problem.felt[i].contact.point_deviation.powi(2);
+        let mut worst: f64 = 0.0;
+        for (j, face) in state.faces.iter().enumerate() {
+            let height = face.value(point);
+            if labels[i] != Some(j) && height > 0.0 {
+                let variance =
+                    noise + face_variance(problem.dimension, state, covariance, j, point);
+                worst = worst.max(height * height / variance);
+            }
+        }
+        outside += OUTSIDE.0 * worst.min(OUTSIDE.1);
+    }
+    // In units of the extent, so that it is a number.
+    let unit = problem.extent.powi(problem.dimension as i32 - 1);
+    let count = problem.weight * points.len() as f64;
+    let surface = |size: f64| count * (size / unit).max(LEAST_SIZE).ln();
+    let convex = outside + surface(size::convex(problem.dimension, &state.faces, &points));
+    let concave = CONCAVE + surface(size::boxed(problem.dimension, &points));
+    if convex.is_finite() { convex.min(concave) } else { concave }
+}
+
+/// Variance of n·p − ρ because of the face, square metres.
+pub fn face_variance(
+    dimension: usize,
+    state: &State,
+    covariance: &DMatrix<f64>,
+    face: usize,
+    point: &Point,
+) -> f64 {
+    let row = offset_row(dimension, state, face, point);
+    let at = dimension * face;
+    let mut sum = 0.0;
+    for a in 0..dimension {
+        for b in 0..dimension {
+            sum += row[a] * covariance[(at + a, at + b)] * row[b];
+        }
+    }
+    sum.max(0.0)
+}
+
+/// The derivative of n·p − ρ by a face's turns and offset; the first `dimension` numbers count.
+pub fn offset_row(dimension: usize, state: &State, face: usize, point: &Point) -> [f64; 3] {
+    let [t, u] = state.faces[face].tangents(dimension);
+    if dimension == 2 { [t.dot(point), -1.0, 0.0] } else { [t.dot(point), u.dot(point), -1.0] }
+}
