@@ -315,7 +315,13 @@ impl<
             let slot = usize::from(self.order[number]);
             let odds = self.odds(slot);
             let felt = Felt { touches: &self.touches[..count], free: grasp.free, wider };
-            let width = usize::from(self.settings.beam.max(1));
+            // The less likely a hypothesis, the fewer ways it gets to explain the grasp.
+            let share = match self.slots[slot].weight {
+                w if w > -2.0 => 1,
+                w if w > -6.0 => 2,
+                _ => 4,
+            };
+            let width = usize::from(self.settings.beam.max(1)).div_ceil(share);
             let (search, work, prior) = (&mut self.search, &mut self.work, &self.slots[slot]);
             if lost {
                 let middle = middle(felt.touches);

@@ -52,9 +52,13 @@ pub(super) struct Record<S: Space> {
     pub beyond: u16,
     /// Contacts that could have.
     pub tested: u16,
-    /// How likely another contact is to lie beyond it, from both.
-    pub doubt: f32,
+    /// Probability that the object reaches beyond it, from both.
+    pub reentrant: f32,
 }
+
+/// How often contacts lie beyond a plane that bounds the object (they are wild), and beyond one that
+/// belongs to a concavity.
+pub(super) const BEYOND: [f32; 2] = [0.01, 0.4];
 
 impl<S: Space> Record<S> {
     pub const NONE: Self = Record {
@@ -63,29 +67,30 @@ impl<S: Space> Record<S> {
         contacts: 0,
         beyond: 0,
         tested: 0,
-        doubt: 0.0,
+        reentrant: 0.0,
     };
 
     /// Whether the object reaches beyond the plane.
     pub fn is_reentrant(&self) -> bool {
-        self.doubt > 0.2
+        self.reentrant > 0.5
     }
 
-    /// Learns from the counts: a plane either bounds the object, and what lies beyond is wild, or it
-    /// belongs to a concavity and contacts are beyond as often as not. Concavities come in numbers.
+    /// How likely a contact is to lie beyond the plane, which is reentrant with this probability.
+    pub fn doubt(reentrant: f32) -> f32 {
+        BEYOND[0] + reentrant * (BEYOND[1] - BEYOND[0])
+    }
+
+    /// Learns from the counts whether the plane is reentrant. Concavities come in numbers.
     pub fn judge(&mut self, concave: bool) {
-        const WILD: f32 = 0.01;
-        const REENTRANT: f32 = 0.4;
         let beyond = f32::from(self.beyond);
         let inside = f32::from(self.tested) - beyond;
         let mut odds = if concave { -1.0 } else { -3.0 };
-        odds += beyond * math::ln(REENTRANT / WILD);
-        odds += inside * math::ln((1.0 - REENTRANT) / (1.0 - WILD));
-        let reentrant = 1.0 / (1.0 + math::exp(-math::min(math::max(odds, -8.0), 8.0)));
-        self.doubt = reentrant * REENTRANT + (1.0 - reentrant) * WILD;
+        odds += beyond * math::ln(BEYOND[1] / BEYOND[0]);
+        odds += inside * math::ln((1.0 - BEYOND[1]) / (1.0 - BEYOND[0]));
+        self.reentrant = 1.0 / (1.0 + math::exp(-math::min(math::max(odds, -8.0), 8.0)));
         if self.contacts < 2 {
             // A plane touched once may be no plane at all.
-            self.doubt = math::max(self.doubt, 0.1);
+            self.reentrant = math::max(self.reentrant, 0.2);
         }
     }
 

@@ -9,7 +9,7 @@ use crate::space::{Pose, Space};
 use super::chart::Chart;
 use super::hypothesis::{Hypothesis, Work};
 use super::joint::normal;
-use super::plane::Touch;
+use super::plane::{BEYOND, Record, Touch};
 
 /// Contacts that are explained together; a larger grasp is taken in parts.
 pub(super) const TOUCHES: usize = 16;
@@ -19,6 +19,9 @@ pub(super) const BEAM: usize = 16;
 
 /// Whole answers kept at most, of all hypotheses.
 pub(super) const LEAVES: usize = 32;
+
+/// Partial answers this many nats behind the best are given up.
+const HOPELESS: f32 = 12.0;
 
 /// Where a contact belongs: nowhere, on a face that it opens, or on face `label − FACE`.
 pub(super) const WILD: u8 = 0;
@@ -150,7 +153,8 @@ fn inside_others<
     let mut least = 0.0;
     for face in 0..prior.faces {
         let height = work.height(touch.point, touch.point_variance, &prior.pose, face);
-        least = math::min(least, allowed(height, prior.records[face].doubt));
+        least =
+            math::min(least, allowed(height, Record::<S>::doubt(prior.records[face].reentrant)));
     }
     least
 }
@@ -171,10 +175,34 @@ pub(super) fn settle<
     odds: &Odds,
 ) -> f32 {
     let mut score = 0.0;
-    for (touch, label) in felt.touches.iter().zip(labels).filter(|(_, l)| **l != WILD) {
-        for face in (0..prior.faces).filter(|f| *label != FACE + *f as u8) {
-            let point = (touch.point, touch.point_variance);
-            score += work.bound(point, &prior.pose, face, (1.0, prior.records[face].doubt));
+    for face in 0..prior.faces {
+        let others = felt.touches.iter().zip(labels);
+        let others = others.filter(|(_, l)| **l != WILD && **l != FACE + face as u8);
+        // Either the plane bounds the object or it does not, for all contacts alike.
+        let (mut bounds, mut reenters, mut near) = (0.0, 0.0, false);
+        for (touch, _) in others.clone() {
+            let [height, variance] =
+                work.height(touch.point, touch.point_variance, &prior.pose, face);
+            let mut inside = 1.0;
+            if height > 0.0 || height * height < 9.0 * variance {
+                inside = normal(-height / math::sqrt(variance)).1;
+                near = true;
+            }
+            bounds += math::ln(BEYOND[0] + (1.0 - 2.0 * BEYOND[0]) * inside);
+            reenters += math::ln(BEYOND[1] + (1.0 - 2.0 * BEYOND[1]) * inside);
+        }
+        let odds = prior.records[face].reentrant;
+        let (bounds, reenters) =
+            (math::ln(1.0 - odds) + bounds, math::ln(math::max(odds, 1e-6)) + reenters);
+        let least = math::max(bounds, reenters);
+        let (a, b) = (math::exp(bounds - least), math::exp(reenters - least));
+        score += least + math::ln(a + b);
+        if near {
+            let doubt = Record::<S>::doubt(b / (a + b));
+            for (touch, _) in others {
+                let point = (touch.point, touch.point_variance);
+                work.bound(point, &prior.pose, face, (1.0, doubt));
+            }
         }
     }
     if prior.faces <= S::DIMENSION {
@@ -314,8 +342,12 @@ impl<S: Chart> Search<S> {
         }
         for (index, touch) in felt.touches.iter().enumerate() {
             self.next.clear();
+            let hopeless = self.now.as_slice().first().map_or(0.0, |n| n.score) - HOPELESS;
             for number in 0..self.now.count {
                 let node = self.now.nodes[number];
+                if node.score < hopeless {
+                    break;
+                }
                 replay(work, prior, felt, &node.labels[..index], node.tangent);
                 self.extend(work, prior, index, touch, &node, odds, width);
             }
@@ -323,6 +355,10 @@ impl<S: Chart> Search<S> {
         }
         for number in 0..self.now.count {
             let node = self.now.nodes[number];
+            let best = self.leaves().first().map_or(f32::NEG_INFINITY, |l| l.node.score);
+            if prior.weight + node.score < best - 2.0 * HOPELESS {
+                break;
+            }
             self.finish(work, prior, parent, felt, odds, node);
         }
     }
@@ -347,7 +383,16 @@ impl<S: Chart> Search<S> {
         // Until a contact lies on a face, the search starts where its root is.
         let observed = node.labels[..index].iter().any(|l| *l >= FACE);
         let start = if observed { S::Tangent::ZERO } else { node.tangent };
-        for face in 0..work.faces {
+        // Normals further apart than five deviations need no closer look.
+        let mut variance = touch.normal_variance + 0.01;
+        for i in S::DIMENSION..S::FREEDOM {
+            variance += work.joint.at(i, i);
+        }
+        let normal = prior.pose.retract(work.tangent() + start).unrotate(touch.normal);
+        let apart = |face: usize| {
+            touch.directed && 1.0 - work.planes[face].normal.dot(normal) > 10.0 * variance
+        };
+        for face in (0..work.faces).filter(|f| !apart(*f)) {
             if let Some(found) = work.fit(touch, &prior.pose, face, start)
                 && found.density > odds.of_wild(touch) - 4.0
             {

@@ -360,3 +360,14 @@ fn follows_a_box_in_space() {
         assert_eq!(tracker.faces().filter(|f| f.contacts > 2).count(), 6);
     }
 }
+
+#[test]
+fn boards_have_room() {
+    let sizes = [
+        size_of::<crate::device::PlanarHypotheses>(),
+        size_of::<crate::device::SpatialHypotheses>(),
+        size_of::<Hypotheses<Planar, 12, 12, 27, { packed(27) }, 0>>(),
+    ];
+    let most = [12, 25, 36].map(|kilobytes| kilobytes * 1024);
+    assert!(sizes.iter().zip(most).all(|(size, most)| *size <= most), "{sizes:?}");
+}
