@@ -63,7 +63,7 @@ pub trait Surface: Sync {
 pub struct Settings {
     /// The same seed gives the same answer.
     pub seed: u64,
-    /// Rounds of the search at most; it ends before when two in a row bring nothing better.
+    /// Rounds of the search at most; it ends before when some in a row bring nothing better.
     pub rounds: usize,
     /// Optima kept while searching.
     pub optima: usize,
@@ -71,7 +71,7 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { seed: 0, rounds: 8, optima: 128 }
+        Settings { seed: 0, rounds: 16, optima: 128 }
     }
 }
 

@@ -13,15 +13,18 @@ use crate::space::Pose;
 const DRAWN: usize = 3072;
 
 /// Poses that go on to the widest deviations, and to each narrower ones.
-const KEPT: [usize; 5] = [384, 160, 80, 48, 32];
+const KEPT: [usize; 5] = [320, 128, 64, 32, 24];
 
-/// Gauss–Newton steps under the widest and under each narrower deviation.
-const STEPS: usize = 4;
+/// Gauss–Newton steps under the widest and under each narrower deviation but the last.
+const STEPS: usize = 3;
+
+/// Steps under the stated deviations.
+const LAST_STEPS: usize = 8;
 
 /// The widest standard deviation is this part of the object's radius.
 const WIDEST: f64 = 0.12;
 
-/// Each level narrows them by this factor; the last has the stated ones.
+/// Each level narrows them by this factor; the last two have the stated ones.
 const NARROWER: f64 = 2.5;
 
 /// Contacts that suffice while deviations are wide.
@@ -30,8 +33,9 @@ const FEW: usize = 24;
 /// Poses closer than this part of the object's radius are one.
 const SAME: f64 = 0.01;
 
-/// The search ends when so many rounds in a row bring nothing better by [`BETTER`].
-const IDLE: usize = 2;
+/// The search ends when so many rounds in a row bring nothing better by [`BETTER`]: at least, and
+/// over the number of contacts. Few contacts have more optima, and cost less.
+const IDLE: [usize; 2] = [2, 40];
 
 /// Nats.
 const BETTER: f64 = 0.5;
@@ -63,6 +67,7 @@ pub(super) fn search<S: Surface>(
         / evidence.contacts.len().max(1) as f64;
     let widest = (WIDEST * evidence.radius / usual).max(1.0);
     let mut pool: Vec<Candidate> = Vec::new();
+    let enough = (IDLE[1] / evidence.contacts.len().max(1)).max(IDLE[0]);
     let (mut idle, mut drawn) = (0, 0);
     for _ in 0..settings.rounds {
         let poses: Vec<Pose> = (0..DRAWN).map(|_| proposals.draw(&few)).collect();
@@ -75,10 +80,13 @@ pub(super) fn search<S: Surface>(
         for (level, kept) in KEPT.iter().enumerate() {
             best_first(&mut candidates);
             candidates.truncate(*kept);
-            // All contacts from the last but one level on.
-            let which = if level + 2 < KEPT.len() { &few } else { evidence };
+            // All contacts and the stated deviations from the last but one level on.
+            let mut which = &few;
+            if level + 2 >= KEPT.len() {
+                (which, width) = (evidence, 1.0);
+            }
             let last = level + 1 == KEPT.len();
-            let steps = if last { 2 * STEPS } else { STEPS };
+            let steps = if last { LAST_STEPS } else { STEPS };
             let descend = |c: &Candidate| descend(surface, which, &c.seen, width, steps);
             candidates = candidates.par_iter().map(descend).collect();
             best_first(&mut candidates);
@@ -87,9 +95,6 @@ pub(super) fn search<S: Surface>(
                 distinct(&mut candidates, evidence, usize::MAX);
             }
             width = (width / NARROWER).max(1.0);
-            if level + 2 >= KEPT.len() - 1 {
-                width = 1.0;
-            }
         }
         let least = |part: &[Candidate]| part.iter().map(|c| c.nats).fold(f64::MAX, f64::min);
         let better = least(&candidates) < least(&pool) - BETTER;
@@ -97,7 +102,7 @@ pub(super) fn search<S: Surface>(
         pool.append(&mut candidates);
         best_first(&mut pool);
         distinct(&mut pool, evidence, settings.optima);
-        if idle >= IDLE {
+        if idle >= enough {
             break;
         }
     }
