@@ -169,6 +169,9 @@ impl Belief for Kalman {
     }
 
     fn correct(&mut self, surface: &Gpis, contacts: &[Contact]) -> bool {
+        if contacts.is_empty() {
+            return false;
+        }
         let Some(predicted) = self.predicted(surface, contacts) else { return false };
         let Predicted { mean, covariance, cross, noise } = predicted;
         let whole = (covariance + DMatrix::from_diagonal(&noise)).cholesky();

@@ -102,6 +102,9 @@ impl Belief for Literal {
     }
 
     fn correct(&mut self, surface: &Gpis, contacts: &[Contact]) -> bool {
+        if contacts.is_empty() {
+            return false;
+        }
         let seen: Vec<Option<Vec<Point>>> =
             self.particles.iter().map(|p| self.seen(&p.pose, surface, contacts)).collect();
         let points: Vec<Point> = seen.iter().flatten().flatten().copied().collect();

@@ -157,6 +157,9 @@ impl Belief for Manifold {
     }
 
     fn correct(&mut self, surface: &Gpis, contacts: &[Contact]) -> bool {
+        if contacts.is_empty() {
+            return false;
+        }
         let mut draws = Vec::with_capacity(self.particles.len());
         for i in 0..self.particles.len() {
             let (Particle { mut pose, weight }, meant) = (self.particles[i], self.meant[i]);
@@ -164,7 +167,7 @@ impl Belief for Manifold {
             if uniform(&mut self.random) > USUAL {
                 pose = self.disturbed(&meant, WIDER);
                 let pick = (uniform(&mut self.random) * contacts.len() as f64) as usize;
-                contact = Some(pick.min(contacts.len().saturating_sub(1)));
+                contact = Some(pick.min(contacts.len() - 1));
             }
             draws.push(Draw { meant, pose, contact, log_weight: weight.ln() });
         }
@@ -189,6 +192,9 @@ impl Belief for Manifold {
                 log += self.correction(draw, slope);
             }
             draw.log_weight += log;
+            if !draw.log_weight.is_finite() {
+                draw.log_weight = f64::NEG_INFINITY;
+            }
         }
         let best = draws.iter().map(|d| d.log_weight).fold(f64::NEG_INFINITY, f64::max);
         if !best.is_finite() {

@@ -116,8 +116,8 @@ pub trait Belief {
     fn start(&mut self, pose: Pose);
     /// The object moved by `motion` (world to world; none: it stayed), and some more.
     fn predict(&mut self, motion: Option<&Pose>);
-    /// Weighs the contacts of a grasp (world frame, at least one) on the surface (object frame). False
-    /// where they fit nowhere.
+    /// Weighs the contacts of a grasp (world frame) on the surface (object frame). False where they fit
+    /// nowhere, or there are none.
     fn correct(&mut self, surface: &Gpis, contacts: &[Contact]) -> bool;
     /// Pose and covariance in tangent coordinates there: object axes, translation before rotation.
     fn mean(&self) -> (Pose, DMatrix<f64>);
@@ -179,6 +179,7 @@ fn follow(log: &GraspLog, model: &Model, belief: &mut dyn Belief) -> Vec<Step> {
         let contacts: Vec<Contact> = grasp
             .contacts
             .iter()
+            .filter(|c| c.point.iter().chain(c.normal.iter().flatten()).all(|x| x.is_finite()))
             .map(|c| {
                 let (point_deviation, normal_deviation) = deviations(c, &log.noise);
                 Contact { point: c.point, normal: c.normal, point_deviation, normal_deviation }
@@ -213,7 +214,7 @@ fn follow(log: &GraspLog, model: &Model, belief: &mut dyn Belief) -> Vec<Step> {
             modes: vec![(pose, 1.0)],
             effective_particles: belief.effective(),
             corrected: status == Status::Tracking,
-            contacts: [contacts.len(), 0, 0],
+            contacts: [contacts.len(), grasp.contacts.len() - contacts.len(), 0],
             ..Step::certain(pose)
         });
     }

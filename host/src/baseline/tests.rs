@@ -139,6 +139,24 @@ fn every_baseline_follows_at_small_noise_and_repeats() {
 }
 
 #[test]
+fn bad_numbers_are_counted_and_nothing_corrects_nothing() {
+    let ellipse = Options::new("ellipse:0.1x0.06".parse().unwrap());
+    let mut log = simulate(&Options { grasps: Some(3), ..ellipse }).unwrap().log;
+    log.grasps[0].contacts[1].point.x = f64::NAN;
+    log.grasps[1].contacts[0].normal = Some(Point::repeat(f64::INFINITY));
+    for baseline in [Baseline::Extended, Baseline::Manifold] {
+        let steps = baseline.follow(&log, 0);
+        let counts: Vec<_> = steps.iter().map(|s| s.contacts).collect();
+        assert_eq!(counts, [[4, 1, 0], [4, 1, 0], [5, 0, 0]], "{}", baseline.name());
+        assert!(steps[2].pose.translation.vector.norm() < 0.1 && steps[2].corrected);
+    }
+    for (mut belief, model) in beliefs(PLANE) {
+        belief.predict(None);
+        assert!(!belief.correct(&surface(model), &[]));
+    }
+}
+
+#[test]
 fn grasps_of_nothing_only_predict() {
     let mut log =
         simulate(&Options { grasps: Some(3), ..Options::new("ellipse:0.1x0.06".parse().unwrap()) })
