@@ -11,6 +11,7 @@ use crate::cli::{Error, say};
 use crate::experiment::chapter2::{self, FIGURES};
 use crate::experiment::tracking::Contender;
 use crate::experiment::{Picture, calibration, chapter3, data, memory, push, shapes, tracking};
+use crate::graph;
 use crate::log::write::write_atomically;
 use crate::quantity::{self, Deviation};
 
@@ -55,6 +56,9 @@ struct PartArgs {
     /// Of tracking: only these trackers; oracle (true poses) and odometry (none but the hand's) too
     #[arg(long, value_name = "TRACKER")]
     tracker: Vec<Contender>,
+    /// Of tracking: what corrects the trackers' poses afterwards [default: none]
+    #[arg(long, value_enum)]
+    graph: Option<graph::Kind>,
     /// Of tracking: which part of the contacts is wild [default: 0]
     #[arg(long, value_name = "PART")]
     outliers: Option<f64>,
@@ -73,6 +77,7 @@ impl PartArgs {
             ("--noise", BOTH, self.noise.is_some()),
             ("--contacts", &[SHAPES], !self.contacts.is_empty()),
             ("--tracker", &[TRACKING], !self.tracker.is_empty()),
+            ("--graph", &[TRACKING], self.graph.is_some()),
             ("--outliers", &[TRACKING], self.outliers.is_some()),
             ("--grasps", &[TRACKING], self.grasps.is_some()),
         ]
@@ -203,7 +208,7 @@ fn compare_shapes(args: &ReproduceArgs) -> Result<(), Error> {
 
 /// The comparison of all trackers, row by row as they are done.
 fn compare_trackers(args: &ReproduceArgs) -> Result<(), Error> {
-    let PartArgs { object, noise, first_seed, tracker, outliers, grasps, .. } = &args.part;
+    let PartArgs { object, noise, first_seed, tracker, graph, outliers, grasps, .. } = &args.part;
     let percent = |part: &str| {
         part.trim()
             .trim_end_matches('%')
@@ -221,6 +226,7 @@ fn compare_trackers(args: &ReproduceArgs) -> Result<(), Error> {
         objects: object.clone(),
         noise: noise.collect::<Result<_, _>>()?,
         contenders: tracker.clone(),
+        graph: graph.unwrap_or(graph::Kind::None),
         outliers: outliers.unwrap_or(0.0),
         grasps: *grasps,
         seeds: args.seeds,

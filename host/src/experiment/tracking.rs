@@ -12,6 +12,7 @@ use serde::Serialize;
 
 use crate::experiment::proportion::Proportion;
 use crate::experiment::{Spread, with_room};
+use crate::graph;
 use crate::log::GraspLog;
 use crate::quantity::Deviation;
 use crate::sim::{ObjectSpec, Options, SimError, simulate};
@@ -125,6 +126,8 @@ pub struct Selection {
     pub noise: Vec<f64>,
     /// Who takes part; all where empty.
     pub contenders: Vec<Contender>,
+    /// What corrects the trackers' poses afterwards.
+    pub graph: graph::Kind,
     /// Part of the contacts that is wild.
     pub outliers: f64,
     /// How many in each run; as the simulator has it where `None`.
@@ -160,7 +163,7 @@ pub struct Row {
     pub contacts_mm: Option<Spread>,
     /// Lost grasps in a run, on average.
     pub lost: f64,
-    /// The tracker alone, milliseconds per grasp.
+    /// The tracker, and the graph where there is one, milliseconds per grasp.
     pub milliseconds: Option<Spread>,
     /// The whole row took so long, seconds.
     pub seconds: f64,
@@ -198,7 +201,11 @@ pub fn run(selection: &Selection, mut done: impl FnMut(&Row)) -> Result<Comparis
     }
     let Selection { outliers, seeds, first_seed, .. } = selection;
     let title = format!(
-        "Tracking: contacts 1 mm and 5°, {:.0} % of them wild, seeds {first_seed} to {}",
+        "Tracking{}: contacts 1 mm and 5°, {:.0} % of them wild, seeds {first_seed} to {}",
+        match selection.graph {
+            graph::Kind::Planes => ", corrected by the joint graph",
+            graph::Kind::None => "",
+        },
         100.0 * outliers,
         (first_seed + seeds).saturating_sub(1)
     );
@@ -237,7 +244,7 @@ fn compare(
         ..Options::new(spec.clone())
     };
     let seeds = selection.first_seed..selection.first_seed.saturating_add(selection.seeds);
-    let run = |seed| one(&Options { seed, ..options.clone() }, truth, contender);
+    let run = |seed| one(&Options { seed, ..options.clone() }, truth, contender, selection.graph);
     let runs: Vec<Run> =
         with_room(|| seeds.into_par_iter().map(run).collect::<Result<_, SimError>>())?;
     let judged: Vec<Judgement> = runs.iter().filter_map(|r| r.judgement).collect();
@@ -262,10 +269,20 @@ fn compare(
 }
 
 /// One run; the tracker's seed is the simulation's.
-fn one(options: &Options, truth: &Truth, contender: Contender) -> Result<Run, SimError> {
+fn one(
+    options: &Options,
+    truth: &Truth,
+    contender: Contender,
+    graph: graph::Kind,
+) -> Result<Run, SimError> {
     let log = simulate(options)?.log;
     let start = Instant::now();
-    let steps = contender.follow(&log, options.seed);
+    let mut steps = contender.follow(&log, options.seed);
+    if matches!(contender, Contender::Tracker(_))
+        && let Some(corrected) = graph.correct(&log, &steps)
+    {
+        steps = corrected.relative();
+    }
     let milliseconds = 1e3 * start.elapsed().as_secs_f64() / log.grasps.len().max(1) as f64;
     Ok(Run { judgement: judge(&log, &steps, truth), milliseconds })
 }
@@ -332,7 +349,7 @@ impl fmt::Display for Comparison {
              Hausdorff: of the surface that slam makes of the contacts at the estimated poses, after \
              the best rigid alignment\n  \
              touch: contacts at the estimated poses to the true surface, rms mm; lost: grasps a run; \
-             ms/grasp: the tracker alone"
+             ms/grasp: the tracker and, where there is one, the graph"
         )
     }
 }
