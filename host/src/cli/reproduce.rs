@@ -13,6 +13,7 @@ use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{
     Picture, calibration, chapter3, data, localization, memory, push, shapes, tracking,
 };
+use crate::graph;
 use crate::log::write::write_atomically;
 use crate::quantity::{self, Deviation};
 
@@ -68,6 +69,9 @@ struct PartArgs {
     /// Of tracking and mujoco: only these trackers; oracle (true poses) and odometry (none but the hand's) too
     #[arg(long, value_name = "TRACKER")]
     tracker: Vec<Contender>,
+    /// Of tracking: what corrects the trackers' poses afterwards [default: none]
+    #[arg(long, value_enum)]
+    graph: Option<graph::Kind>,
     /// Of tracking: which part of the contacts is wild [default: 0]
     #[arg(long, value_name = "PART")]
     outliers: Option<f64>,
@@ -83,12 +87,13 @@ impl PartArgs {
         const TRACKERS: &[&str] = &[TRACKING, CONSISTENCY, MUJOCO];
         const SIMULATED: &[&str] = &[TRACKING, CONSISTENCY];
         const ALL: &[&str] = &[SHAPES, TRACKING, CONSISTENCY, MUJOCO];
-        let options: [(_, &'static [&'static str], bool); 7] = [
+        let options: [(_, &'static [&'static str], bool); 8] = [
             ("--object", ALL, !self.object.is_empty()),
             ("--first-seed", COMPARISONS, self.first_seed.is_some()),
             ("--noise", COMPARISONS, self.noise.is_some()),
             ("--contacts", &[SHAPES], !self.contacts.is_empty()),
             ("--tracker", TRACKERS, !self.tracker.is_empty()),
+            ("--graph", &[TRACKING], self.graph.is_some()),
             ("--outliers", SIMULATED, self.outliers.is_some()),
             ("--grasps", SIMULATED, self.grasps.is_some()),
         ];
@@ -226,7 +231,7 @@ fn compare_shapes(args: &ReproduceArgs) -> Result<(), Error> {
 
 /// The comparison of all trackers, row by row as they are done.
 fn compare_trackers(args: &ReproduceArgs) -> Result<(), Error> {
-    let PartArgs { object, noise, first_seed, tracker, outliers, grasps, .. } = &args.part;
+    let PartArgs { object, noise, first_seed, tracker, graph, outliers, grasps, .. } = &args.part;
     let percent = |part: &str| {
         part.trim()
             .trim_end_matches('%')
@@ -244,6 +249,7 @@ fn compare_trackers(args: &ReproduceArgs) -> Result<(), Error> {
         objects: object.clone(),
         noise: noise.collect::<Result<_, _>>()?,
         contenders: tracker.clone(),
+        graph: graph.unwrap_or(graph::Kind::None),
         outliers: outliers.unwrap_or(0.0),
         grasps: *grasps,
         seeds: args.seeds(),

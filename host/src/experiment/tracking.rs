@@ -16,6 +16,7 @@ use serde::Serialize;
 use crate::baseline::Baseline;
 use crate::experiment::proportion::Proportion;
 use crate::experiment::{Spread, with_room};
+use crate::graph;
 use crate::log::GraspLog;
 use crate::quantity::Deviation;
 use crate::sim::{ObjectSpec, Options, SimError, simulate};
@@ -139,6 +140,8 @@ pub struct Selection {
     pub noise: Vec<f64>,
     /// Who takes part; all where empty.
     pub contenders: Vec<Contender>,
+    /// What corrects the trackers' poses afterwards.
+    pub graph: graph::Kind,
     /// Part of the contacts that is wild.
     pub outliers: f64,
     /// How many in each run; as the simulator has it where `None`.
@@ -186,7 +189,7 @@ pub struct Row {
     pub contacts_mm: Option<Spread>,
     /// Lost grasps in a run, on average.
     pub lost: f64,
-    /// The tracker alone, milliseconds per grasp.
+    /// The tracker, and the graph where there is one, milliseconds per grasp.
     pub milliseconds: Option<Spread>,
     /// The whole row took so long, seconds.
     pub seconds: f64,
@@ -223,7 +226,11 @@ pub fn run(selection: &Selection, mut done: impl FnMut(&Row)) -> Result<Comparis
     }
     let Selection { outliers, seeds, first_seed, .. } = selection;
     let title = format!(
-        "Tracking: contacts 1 mm and 5°, {:.0} % of them wild, seeds {first_seed} to {}",
+        "Tracking{}: contacts 1 mm and 5°, {:.0} % of them wild, seeds {first_seed} to {}",
+        match selection.graph {
+            graph::Kind::Planes => ", corrected by the joint graph",
+            graph::Kind::None => "",
+        },
         100.0 * outliers,
         (first_seed + seeds).saturating_sub(1)
     );
@@ -255,7 +262,11 @@ fn compare(
 ) -> Result<Row, SimError> {
     let start = Instant::now();
     let options = options(spec, noise, selection);
-    let follow = |log: &GraspLog, seed| contender.follow(log, seed);
+    let follow = |log: &GraspLog, seed| {
+        let steps = contender.follow(log, seed);
+        let graph = if contender.is_tracker() { selection.graph } else { graph::Kind::None };
+        graph.correct(log, &steps).map_or(steps, |c| c.relative())
+    };
     let runs = runs(&options, truth, selection.range(), &follow)?;
     let judged: Vec<Judgement> = runs.iter().filter_map(|r| r.judgement).collect();
     let spread = |f: fn(&Judgement) -> f64| Spread::of(judged.iter().map(f));
@@ -371,7 +382,7 @@ impl fmt::Display for Comparison {
              Hausdorff: of the surface that slam makes of the contacts at the estimated poses, after \
              the best rigid alignment\n  \
              touch: contacts at the estimated poses to the true surface, rms mm; lost: grasps a run; \
-             ms/grasp: the tracker alone"
+             ms/grasp: the tracker and, where there is one, the graph"
         )
     }
 }

@@ -12,6 +12,9 @@
 
 use nalgebra::{Cholesky, Const, DMatrix, DVector, Dyn, OMatrix, SMatrix, SVector};
 
+use super::factors::Step;
+use super::tangent::axes;
+
 /// A pose's rows of the border: `D` × number of face parameters.
 pub type Row<const D: usize> = OMatrix<f64, Const<D>, Dyn>;
 
@@ -67,6 +70,21 @@ impl<const D: usize> Arrow<D> {
             corner: DMatrix::zeros(width, width),
             chain: vec![SVector::zeros(); poses],
             rest: DVector::zeros(width),
+        }
+    }
+
+    /// Adds a motion's residual between grasps k − 1 and k; grasp 0 stays, so that block k is of grasp
+    /// k + 1.
+    pub fn add_step(&mut self, grasp: usize, step: &Step, weight: f64) {
+        let chosen = axes::<D>();
+        let before = SMatrix::<f64, 6, D>::from_fn(|r, c| step.by_before[(r, chosen[c])]);
+        let after = SMatrix::<f64, 6, D>::from_fn(|r, c| step.by_after[(r, chosen[c])]);
+        self.diagonal[grasp - 1] += after.tr_mul(&after) * weight;
+        self.chain[grasp - 1] += after.tr_mul(&step.residual) * weight;
+        if grasp > 1 {
+            self.diagonal[grasp - 2] += before.tr_mul(&before) * weight;
+            self.chain[grasp - 2] += before.tr_mul(&step.residual) * weight;
+            self.coupling[grasp - 1] += after.tr_mul(&before) * weight;
         }
     }
 

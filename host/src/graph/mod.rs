@@ -10,7 +10,8 @@
 //! [`planes`](mod@planes) is the entrance. Below it, [`problem`] holds the measurements and the unknowns, [`factors`]
 //! their residuals and derivatives, [`solve`](mod@solve) the Levenberg–Marquardt iteration on the structure that
 //! [`arrow`] exploits, [`explain`] and [`alias`] decide which contact lies on which face and at which of several
-//! look-alike poses a grasp was made, [`retrack`] builds a trajectory of its own.
+//! look-alike poses a grasp was made, [`retrack`] builds a trajectory of its own, and [`surface`] does
+//! for curved objects what faces do for flat ones.
 
 pub mod alias;
 pub mod arrow;
@@ -21,11 +22,15 @@ pub mod problem;
 pub mod retrack;
 pub mod size;
 pub mod solve;
+pub mod surface;
 pub mod tangent;
 
 pub use planes::{Corrected, Effort, Plane, planes};
 
 use crate::log::GraspLog;
+use crate::reference::Contact;
+use crate::slam::choose;
+use crate::slam::reconstruct::place;
 use crate::slam::track::Step;
 
 /// The corrections on offer.
@@ -41,10 +46,27 @@ impl Kind {
     /// The log's steps corrected; `None` where they stand.
     pub fn correct(self, log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
         match self {
-            Kind::Planes => planes(log, &[steps], Effort::default()),
+            Kind::Planes => correct(log, steps),
             Kind::None => None,
         }
     }
+}
+
+/// By faces where the object that they make is to be believed ([`choose::judge`]), else by the smooth
+/// surface of least cost, whether it starts from the tracker's poses or from those of the faces.
+fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
+    let flat = planes(log, &[steps], Effort::default());
+    let believed = |flat: &Corrected| {
+        let contacts = place(log, &flat.relative());
+        let contacts: Vec<Contact> = contacts.into_iter().map(|p| p.contact).collect();
+        choose::judge(log.dimension, &contacts, &[]).is_ok()
+    };
+    if flat.as_ref().is_some_and(believed) {
+        return flat;
+    }
+    let starts: Vec<&[Step]> =
+        std::iter::once(steps).chain(flat.as_ref().map(|f| &f.steps[..])).collect();
+    surface::smooth(log, &starts).or(flat)
 }
 
 #[cfg(test)]

@@ -17,9 +17,6 @@ const LEAST_EXTENT: f64 = 0.02;
 
 /// What a face costs before it has explained anything, −ln of how readily a new one is believed.
 const NEW: f64 = 1.5;
-fn new() -> f64 {
-    std::env::var("NEW").ok().and_then(|v| v.parse().ok()).unwrap_or(NEW)
-}
 
 /// A contact in the world frame, and who felt it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,7 +95,7 @@ impl Problem {
             starts,
             motions: log.grasps.iter().map(|g| motion(g.motion)).collect(),
             extent: LEAST_EXTENT,
-            weight: std::env::var("W").ok().and_then(|v| v.parse().ok()).unwrap_or(1.0),
+            weight: 1.0,
             kernel: Kernel::USUAL,
             slip: Kernel::USUAL,
         };
@@ -169,12 +166,12 @@ impl Problem {
     /// −ln of the density of a face's direction and offset before anything was felt.
     pub fn vague(&self) -> f64 {
         let directions = if self.dimension == 2 { 2.0 } else { 4.0 } * std::f64::consts::PI;
-        (directions * self.extent).ln() + new()
+        (directions * self.extent).ln() + NEW
     }
 
     /// What a contact costs that no face explains: a face of its own, which it determines exactly.
     pub fn unexplained(&self, contact: &Contact) -> f64 {
-        if contact.normal.is_some() { self.vague() } else { self.extent.ln() + new() }
+        if contact.normal.is_some() { self.vague() } else { self.extent.ln() + NEW }
     }
 
     /// −ln of the density of a contact that fits its face exactly.

@@ -180,15 +180,7 @@ pub fn linearise<const D: usize>(
         let step = factors::step(before, after, &motion.pose, motion.deviations, centre);
         let (own, weight) = problem.slip.cost(step.residual.norm_squared());
         cost += own;
-        let before = SMatrix::<f64, 6, D>::from_fn(|r, c| step.by_before[(r, chosen[c])]);
-        let after = SMatrix::<f64, 6, D>::from_fn(|r, c| step.by_after[(r, chosen[c])]);
-        arrow.diagonal[k - 1] += after.tr_mul(&after) * weight;
-        arrow.chain[k - 1] += after.tr_mul(&step.residual) * weight;
-        if k > 1 {
-            arrow.diagonal[k - 2] += before.tr_mul(&before) * weight;
-            arrow.chain[k - 2] += before.tr_mul(&step.residual) * weight;
-            arrow.coupling[k - 1] += after.tr_mul(&before) * weight;
-        }
+        arrow.add_step(k, &step, weight);
     }
     (cost, arrow)
 }

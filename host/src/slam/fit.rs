@@ -50,6 +50,41 @@ struct Candidate {
 /// # Errors
 /// Without contacts, or when they are too many or too coincident for a dense surface.
 pub fn fit(dimension: usize, contacts: &[Contact], free: &[Free]) -> Result<(Kernel, Gpis), Error> {
+    let Model { kernel, body, noise, .. } = model(dimension, contacts)?;
+    let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(noise)).collect();
+    Ok((kernel, open(dimension, kernel, body, &contacts, free)?))
+}
+
+/// What explains contacts best, for surfaces of other contacts of the same object.
+#[derive(Clone, Debug)]
+pub struct Model {
+    /// With its hyper-parameters.
+    pub kernel: Kernel,
+    /// What the process is about.
+    pub body: Body,
+    /// Factor on the contacts' deviations.
+    pub noise: f64,
+    /// Log probability of the contacts and of the parameters; of at most 150 contacts, evenly through
+    /// the list.
+    pub evidence: f64,
+}
+
+impl Model {
+    /// The surface of these contacts.
+    ///
+    /// # Errors
+    /// When they are too many or too coincident for a dense surface.
+    pub fn surface(&self, dimension: usize, contacts: &[Contact]) -> Result<Gpis, SurfaceError> {
+        let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(self.noise)).collect();
+        Gpis::fit(dimension, self.kernel, self.body.clone(), Training::Derivative, &contacts)
+    }
+}
+
+/// The model of [`fit`].
+///
+/// # Errors
+/// As [`fit`].
+pub fn model(dimension: usize, contacts: &[Contact]) -> Result<Model, Error> {
     let Some(Prior::Ball { radius, .. }) = Prior::fitted(contacts) else {
         return Err(Error::NoContacts);
     };
@@ -73,8 +108,7 @@ pub fn fit(dimension: usize, contacts: &[Contact], free: &[Free]) -> Result<(Ker
     }
     let Found { kernel, noise, .. } = best.found;
     let noise = noise * exactness(dimension, contacts);
-    let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(noise)).collect();
-    Ok((kernel, open(dimension, kernel, best.body, &contacts, free)?))
+    Ok(Model { kernel, body: best.body, noise, evidence: best.evidence })
 }
 
 /// The same about a ball by local experts, for any number of contacts.

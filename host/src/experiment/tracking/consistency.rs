@@ -266,6 +266,7 @@ mod tests {
     #[test]
     fn kalman_filters_are_examined() {
         let selection = Selection {
+            graph: crate::graph::Kind::None,
             objects: vec!["rectangle:0.10".into(), "ellipse:0.06x0.06".into()],
             noise: vec![25.0],
             contenders: vec![Contender::Oracle, "ekf".parse().unwrap()],

@@ -1,0 +1,281 @@
+//! The graph of a curved object: poses coupled through the surface of a Gaussian process.
+//!
+//! Curved objects have no faces to estimate beside the poses, but their contacts lie on one smooth
+//! surface. So poses and surface take turns. Every grasp is matched with the surface of all other
+//! grasps' contacts, never with its own (which would hold it where it is), and all poses are solved
+//! together with the motions between them. A turn counts only if it makes contacts and motions
+//! likelier: the process' log evidence and the motions' cost say so.
+
+use nalgebra::{Matrix4, Matrix4x6, Matrix6, SMatrix, Vector4, Vector6};
+use rayon::prelude::*;
+
+use super::arrow::Arrow;
+use super::factors;
+use super::planes::Corrected;
+use super::problem::Problem;
+use super::tangent::{Tangent, axes, local, retract, six_by_six};
+use crate::log::GraspLog;
+use crate::reference::gpis::Evaluation;
+use crate::reference::{Contact, Gpis};
+use crate::slam::fit::{Model, model};
+use crate::slam::track::Step;
+use crate::space::Pose;
+
+/// Turns of surface and poses.
+const TURNS: usize = 6;
+
+/// Iterations of the poses against surfaces that stay.
+const ITERATIONS: usize = 3;
+
+/// Nats that a turn must gain for another to be worth while.
+const ENOUGH: f64 = 0.1;
+
+/// Parts of a step that are tried.
+const PARTS: [f64; 3] = [1.0, 0.4, 0.15];
+
+/// A field flatter than this says nothing about distance.
+const LEAST_SLOPE: f64 = 0.3;
+
+/// Contacts of which a dense surface is still quick to fit once for every grasp.
+const MOST: usize = 200;
+
+/// A trajectory and what it is worth.
+struct Fitted<const D: usize> {
+    poses: Vec<Pose>,
+    /// That explains its contacts best.
+    model: Model,
+    /// Negative log evidence of contacts, and the motions' cost.
+    cost: f64,
+    /// Blocks of the poses' covariance.
+    covariance: Vec<SMatrix<f64, D, D>>,
+}
+
+/// The poses of least cost from any of the trajectories, for an object with a smooth surface. `None`
+/// without contacts, or when they are too many.
+pub fn smooth(log: &GraspLog, trajectories: &[&[Step]]) -> Option<Corrected> {
+    let problem = Problem::new(log);
+    if problem.felt.is_empty() || problem.felt.len() > MOST {
+        return None;
+    }
+    if log.dimension == 2 {
+        run::<3>(&problem, trajectories)
+    } else {
+        run::<6>(&problem, trajectories)
+    }
+}
+
+fn run<const D: usize>(problem: &Problem, trajectories: &[&[Step]]) -> Option<Corrected> {
+    let fitted = trajectories.iter().filter_map(|steps| {
+        let given: Vec<Option<Pose>> = steps.iter().map(|s| Some(s.pose)).collect();
+        settle::<D>(problem, problem.poses(&given))
+    });
+    let best = fitted.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
+    let first = std::iter::once(Matrix6::zeros());
+    let covariance: Vec<Matrix6<f64>> =
+        first.chain(best.covariance.iter().map(six_by_six)).collect();
+    let before = trajectories.first().copied().unwrap_or_default();
+    let poses = best.poses.iter().zip(&covariance).enumerate();
+    let steps = poses.map(|(k, (pose, covariance))| {
+        let before = before.get(k).cloned().unwrap_or_else(|| Step::certain(*pose));
+        Step { pose: *pose, covariance: *covariance, ..before }
+    });
+    Some(Corrected {
+        steps: steps.collect(),
+        given_faces: covariance,
+        faces: Vec::new(),
+        owners: vec![None; problem.felt.len()],
+        cost: best.cost,
+        per_degree: best.model.body.misfit(),
+    })
+}
+
+/// Poses and surface in turns with one model, which is then chosen anew.
+fn settle<const D: usize>(problem: &Problem, poses: Vec<Pose>) -> Option<Fitted<D>> {
+    let mut start = fitted::<D>(problem, poses)?;
+    let mut poses = start.poses.clone();
+    let mut cost = worth(problem, &start.model, &poses)?;
+    for _ in 0..TURNS {
+        let Some((target, covariance)) = matched::<D>(problem, &start.model, &poses) else { break };
+        start.covariance = covariance;
+        let shorter = PARTS.iter().find_map(|part| {
+            let along = |(pose, to): (&Pose, &Pose)| retract(pose, &(local(pose, to) * *part));
+            let moved: Vec<Pose> = poses.iter().zip(&target).map(along).collect();
+            let lower = worth(problem, &start.model, &moved)?;
+            (lower < cost).then_some((moved, lower))
+        });
+        let Some((moved, lower)) = shorter else { break };
+        let gained = cost - lower;
+        (poses, cost) = (moved, lower);
+        if gained < ENOUGH {
+            break;
+        }
+    }
+    match fitted::<D>(problem, poses) {
+        Some(end) if end.cost < start.cost => Some(Fitted { covariance: start.covariance, ..end }),
+        _ => Some(start),
+    }
+}
+
+/// Contacts where the poses put them.
+fn placed(problem: &Problem, poses: &[Pose]) -> Vec<Contact> {
+    (0..problem.felt.len()).map(|i| problem.placed(poses, i)).collect()
+}
+
+/// Cost of contacts and motions for a given model.
+fn worth(problem: &Problem, model: &Model, poses: &[Pose]) -> Option<f64> {
+    let surface = model.surface(problem.dimension, &placed(problem, poses)).ok()?;
+    let cost = motions(problem, poses) - surface.log_marginal_likelihood();
+    cost.is_finite().then_some(cost)
+}
+
+/// Cost of the motions between the poses.
+fn motions(problem: &Problem, poses: &[Pose]) -> f64 {
+    let centre = problem.middle(poses);
+    let cost = |k: usize| {
+        let motion = &problem.motions[k];
+        let step =
+            factors::step(&poses[k - 1], &poses[k], &motion.pose, motion.deviations, &centre);
+        problem.slip.cost(step.residual.norm_squared()).0
+    };
+    (1..poses.len()).map(cost).sum()
+}
+
+/// The model that suits the contacts best where the poses put them, and what all of it costs.
+fn fitted<const D: usize>(problem: &Problem, poses: Vec<Pose>) -> Option<Fitted<D>> {
+    let model = model(problem.dimension, &placed(problem, &poses)).ok()?;
+    let cost = motions(problem, &poses) - model.evidence;
+    let covariance = vec![SMatrix::zeros(); poses.len().saturating_sub(1)];
+    cost.is_finite().then_some(Fitted { poses, model, cost, covariance })
+}
+
+/// All poses where every grasp suits the surface of the others, and their covariances.
+fn matched<const D: usize>(
+    problem: &Problem,
+    model: &Model,
+    poses: &[Pose],
+) -> Option<(Vec<Pose>, Vec<SMatrix<f64, D, D>>)> {
+    let mut poses = poses.to_vec();
+    let placed = placed(problem, &poses);
+    let without = |grasp: usize| -> Option<Gpis> {
+        let own = problem.of(grasp);
+        let others: Vec<Contact> =
+            (0..placed.len()).filter(|i| !own.contains(i)).map(|i| placed[i]).collect();
+        (!own.is_empty() && !others.is_empty())
+            .then(|| model.surface(problem.dimension, &others).ok())?
+    };
+    let surfaces: Vec<Option<Gpis>> = (0..poses.len()).into_par_iter().map(without).collect();
+    let mut covariance = Vec::new();
+    for _ in 0..ITERATIONS {
+        let arrow = linearise::<D>(problem, &poses, &surfaces);
+        let factor = arrow.factor(1e-6)?;
+        let (steps, _) = factor.step(&arrow)?;
+        for (pose, step) in poses.iter_mut().skip(1).zip(&steps) {
+            let mut tangent = Tangent::zeros();
+            for (i, axis) in axes::<D>().into_iter().enumerate() {
+                tangent[axis] = step[i];
+            }
+            *pose = retract(pose, &tangent);
+        }
+        covariance = factor.inverse()?.poses;
+    }
+    poses.iter().all(|p| p.translation.vector.norm().is_finite()).then_some((poses, covariance))
+}
+
+fn linearise<const D: usize>(
+    problem: &Problem,
+    poses: &[Pose],
+    surfaces: &[Option<Gpis>],
+) -> Arrow<D> {
+    let mut arrow = Arrow::<D>::zeros(poses.len().saturating_sub(1), 0);
+    let chosen = axes::<D>();
+    for k in 1..poses.len() {
+        let Some(surface) = &surfaces[k] else { continue };
+        let inverse = poses[k].inverse();
+        let placed: Vec<Contact> =
+            problem.of(k).map(|i| problem.felt[i].contact.transformed(&inverse)).collect();
+        let points: Vec<_> = placed.iter().map(|c| c.point).collect();
+        for (contact, at) in placed.iter().zip(surface.evaluate(&points)) {
+            let Some((residual, by_pose)) = match_one(problem, contact, &at) else { continue };
+            let by_pose = SMatrix::<f64, 4, D>::from_fn(|r, c| by_pose[(r, chosen[c])]);
+            arrow.diagonal[k - 1] += by_pose.tr_mul(&by_pose);
+            arrow.chain[k - 1] += by_pose.tr_mul(&residual);
+        }
+    }
+    let centre = problem.middle(poses);
+    for k in 1..poses.len() {
+        let motion = &problem.motions[k];
+        let step =
+            factors::step(&poses[k - 1], &poses[k], &motion.pose, motion.deviations, &centre);
+        let weight = problem.slip.cost(step.residual.norm_squared()).1;
+        arrow.add_step(k, &step, weight);
+    }
+    arrow
+}
+
+/// Distance and normal of a contact (object frame) against the surface, in standard deviations that
+/// hold the surface's own, robustly weighted; with derivatives by the pose's tangent.
+fn match_one(
+    problem: &Problem,
+    contact: &Contact,
+    at: &Evaluation,
+) -> Option<(Vector4<f64>, Matrix4x6<f64>)> {
+    let slope = at.gradient.norm();
+    if !(slope > LEAST_SLOPE) {
+        return None;
+    }
+    let n = at.gradient / slope;
+    let variance = contact.point_deviation.powi(2) + at.variance / (slope * slope);
+    let exact = 1.0 / variance.sqrt();
+    let mut residual = Vector4::zeros();
+    let mut by_pose = Matrix4x6::zeros();
+    residual[0] = exact * at.value / slope;
+    let lever = n.cross(&contact.point);
+    by_pose.row_mut(0).copy_from(
+        &(Vector6::new(-n.x, -n.y, -n.z, lever.x, lever.y, lever.z) * exact).transpose(),
+    );
+    if let Some(m) = contact.normal {
+        let turns = at.gradient_variance / (slope * slope);
+        let exact = 1.0 / (contact.normal_deviation.powi(2) + turns).sqrt();
+        residual.fixed_rows_mut::<3>(1).copy_from(&((m - n) * exact));
+        by_pose.fixed_view_mut::<3, 3>(1, 3).copy_from(&(m.cross_matrix() * exact));
+    }
+    let off = problem.kernel.cost(residual[0].powi(2)).1.sqrt();
+    let turned = problem.kernel.cost(residual.fixed_rows::<3>(1).norm_squared()).1.sqrt();
+    let weights = Matrix4::from_diagonal(&Vector4::new(off, turned, turned, turned));
+    Some((weights * residual, weights * by_pose))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quantity::Deviation;
+    use crate::sim::{Options, simulate};
+    use crate::slam::track;
+
+    #[test]
+    fn an_ellipse_pulls_displaced_grasps_together() {
+        let options = Options {
+            grasps: Some(7),
+            motion_noise: Deviation { length: 3e-3, angle: 0.05 },
+            ..Options::new("ellipse:0.12x0.06".parse().unwrap())
+        };
+        let log = simulate(&options).unwrap().log;
+        let truth = track::truth(&log).unwrap();
+        let mut steps = truth.clone();
+        for (k, step) in steps.iter_mut().enumerate().skip(1) {
+            let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
+            let off = Tangent::new(4e-3 * sign, -3e-3 * sign, 0.0, 0.0, 0.0, 0.05 * sign);
+            step.pose = retract(&step.pose, &off);
+        }
+        let error = |steps: &[Step]| -> f64 {
+            let off = truth.iter().zip(steps).map(|(t, s)| local(&t.pose, &s.pose));
+            off.map(|t| t.fixed_rows::<3>(0).norm_squared() + (0.05 * t[5]).powi(2)).sum()
+        };
+        let corrected = smooth(&log, &[&steps]).unwrap();
+        assert!(error(&corrected.steps) < 0.5 * error(&steps));
+        assert_eq!(corrected.steps[0].pose, steps[0].pose);
+        assert!(corrected.steps[3].covariance[(5, 5)] > 0.0);
+        let none = GraspLog { grasps: Vec::new(), ..log };
+        assert!(smooth(&none, &[&[]]).is_none());
+    }
+}
