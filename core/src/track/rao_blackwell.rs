@@ -169,16 +169,21 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
         &self.weights
     }
 
-    /// The shape of the heaviest particle of the best mode.
+    /// The shape of the particle at the best mode.
     pub fn shape(&self) -> &Shape<S, FACES> {
-        let mut best = 0;
-        let mut most = -1.0;
-        for (i, weight) in self.in_mode().enumerate() {
-            if weight > most {
-                (most, best) = (weight, i);
+        &self.particles[self.nearest_to_mode()].shape
+    }
+
+    /// The particle at the best mode, or what resampling has left nearest to it.
+    fn nearest_to_mode(&self) -> usize {
+        let mut best = (f32::INFINITY, 0);
+        for (place, particle) in self.particles.iter().enumerate() {
+            let apart = KERNEL.between::<S>(&self.mode, &particle.pose);
+            if apart < best.0 {
+                best = (apart, place);
             }
         }
-        &self.particles[best].shape
+        best.1
     }
 
     fn running(&mut self) -> &mut Running {
@@ -250,7 +255,7 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
             }
             let weight = math::exp(log - greatest);
             total += weight;
-            if agreement.strange >= 2 && 2 * agreement.strange > contacts {
+            if agreement.strange >= 2 && 2 * agreement.strange >= contacts {
                 strange += weight;
             }
             if f32::from(agreement.fitting) >= enough {
@@ -442,7 +447,7 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
     }
 
     fn recall(&self, grasp: u32) -> Option<S::Pose> {
-        self.genealogy.mean(grasp, self.in_mode())
+        self.genealogy.mean(grasp, self.nearest_to_mode(), self.in_mode())
     }
 }
 
