@@ -15,8 +15,8 @@ use crate::wire::{
 };
 
 pub use trackers::{
-    CONTACTS, PlanarDevice, PlanarFacedTracker, PlanarMap, PlanarTracker, SpatialDevice,
-    SpatialFacedTracker, SpatialMap, SpatialTracker,
+    CONTACTS, PlanarDevice, PlanarFacedDevice, PlanarFacedTracker, PlanarMap, PlanarTracker,
+    SpatialDevice, SpatialFacedDevice, SpatialFacedTracker, SpatialMap, SpatialTracker,
 };
 
 /// What a device needs of the hardware.

@@ -39,6 +39,10 @@ pub type SpatialFacedTracker = RaoBlackwell<Spatial, 64, 8, 0>;
 pub type PlanarDevice = Device<PlanarTracker, Planar, CONTACTS>;
 /// A spatial board.
 pub type SpatialDevice = Device<SpatialTracker, Spatial, CONTACTS>;
+/// A planar board whose particles have faces.
+pub type PlanarFacedDevice = Device<PlanarFacedTracker, Planar, CONTACTS>;
+/// A spatial board whose particles have faces.
+pub type SpatialFacedDevice = Device<SpatialFacedTracker, Spatial, CONTACTS>;
 
 impl PlanarDevice {
     /// A planar board that has heard nothing; all zero bits.
@@ -48,6 +52,16 @@ impl PlanarDevice {
 impl SpatialDevice {
     /// A spatial board that has heard nothing; all zero bits.
     pub const SPATIAL: Self = Device::new(Bootstrap::new(Gpis::new()));
+}
+
+impl PlanarFacedDevice {
+    /// A planar board that has heard nothing; all zero bits.
+    pub const PLANAR_FACED: Self = Device::new(RaoBlackwell::new());
+}
+
+impl SpatialFacedDevice {
+    /// A spatial board that has heard nothing; all zero bits.
+    pub const SPATIAL_FACED: Self = Device::new(RaoBlackwell::new());
 }
 
 impl<S: WireSpace, const SITES: usize, const ROWS: usize, const PACKED: usize, const N: usize>
@@ -65,12 +79,8 @@ impl<S: WireSpace, const SITES: usize, const ROWS: usize, const PACKED: usize, c
     }
 }
 
-impl<
-    S: WireSpace + Faceted,
-    const PARTICLES: usize,
-    const FACES: usize,
-    const HISTORY: usize,
-> Onboard<S> for RaoBlackwell<S, PARTICLES, FACES, HISTORY>
+impl<S: WireSpace + Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usize>
+    Onboard<S> for RaoBlackwell<S, PARTICLES, FACES, HISTORY>
 {
     /// Faces, each of any number of contacts.
     const MAP: usize = FACES;

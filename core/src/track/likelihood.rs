@@ -67,8 +67,8 @@ pub fn is_strange<S: Space>(
     let scale = 1.0 / (slope * slope);
     let spread = contact.point_deviation * contact.point_deviation + probe.variance * scale;
     let far = !(probe.value * probe.value * scale <= STRANGE * STRANGE * spread);
-    let behind = normal.is_some_and(|n| probe.gradient.dot(n) < 0.0)
-        && probe.slope_variance * scale < 0.25;
+    let behind =
+        normal.is_some_and(|n| probe.gradient.dot(n) < 0.0) && probe.slope_variance * scale < 0.25;
     far || behind
 }
 

@@ -24,9 +24,7 @@ use crate::matrix::Coordinates;
 use crate::random::Random;
 use crate::space::{self, Pose, Space};
 use crate::track::particles::{effective, multiply, resample};
-use crate::track::{
-    Estimate, Modes, MotionNoise, Observability, Separation, Status, Tracker,
-};
+use crate::track::{Estimate, Modes, MotionNoise, Observability, Separation, Status, Tracker};
 use genealogy::Genealogy;
 use proposal::{Drawn, Prior, draw, free};
 
@@ -36,8 +34,7 @@ const KERNEL: Separation = Separation { translation: 0.005, rotation: 0.1 };
 /// Poses of a belief with one answer: wide, but without another face's alias (60° on a hexagon).
 const SAME_HILL: Separation = Separation { translation: 0.03, rotation: 0.8 };
 
-const EVERYWHERE: Separation =
-    Separation { translation: f32::INFINITY, rotation: f32::INFINITY };
+const EVERYWHERE: Separation = Separation { translation: f32::INFINITY, rotation: f32::INFINITY };
 
 /// A second answer with this share of the belief makes it ambiguous.
 const AMBIGUOUS: f32 = 0.25;

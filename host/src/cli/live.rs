@@ -97,11 +97,13 @@ impl FromStr for Port {
 /// # Errors
 /// Bad input before a board is touched; a board that does not answer; unwritable results.
 pub fn run(args: &LiveArgs) -> Result<(), Error> {
-    let tracker = match args.tracker {
-        Kind::Bootstrap => "bootstrap on the board",
-        other => {
-            let (asked, carried) = (other.name(), Kind::Bootstrap.name());
-            return Err(Error::Input(format!("--tracker {asked}: the board carries {carried}")));
+    let tracker = match (args.tracker, &args.port) {
+        (Kind::Bootstrap, _) => "bootstrap on the board",
+        (Kind::RaoBlackwell, Port::Virtual) => "rao-blackwell on the board",
+        (Kind::RaoBlackwell, _) => {
+            return Err(Error::Input(
+                "--tracker rao-blackwell: only --port virtual carries it; others bootstrap".into(),
+            ));
         }
     };
     let input = Input::open(args.log.as_deref(), &args.out)?;
@@ -147,7 +149,7 @@ struct Fed {
 
 fn feed<S: Bridge + WireSpace>(args: &LiveArgs, log: &GraspLog) -> Result<Fed, Error> {
     let file = args.record.as_deref().map(create).transpose()?;
-    let result = connect(&args.port, S::DIMENSION).and_then(|link| match &file {
+    let result = connect(args, S::DIMENSION).and_then(|link| match &file {
         None => converse::<S>(link, log, args.seed),
         Some(file) => {
             let header = Header::new(log.dimension, log.fingers.clone(), log.description.clone());
@@ -168,10 +170,13 @@ fn create(path: &Path) -> Result<File, Error> {
     File::create(path).map_err(|e| Error::Input(format!("{}: cannot write: {e}", path.display())))
 }
 
-fn connect(port: &Port, dimension: usize) -> Result<Box<dyn Link>, Error> {
-    match port {
-        Port::Virtual => virtual_board::start(dimension)
-            .ok_or_else(|| Error::Input(format!("no board tracks in {dimension} dimensions"))),
+fn connect(args: &LiveArgs, dimension: usize) -> Result<Box<dyn Link>, Error> {
+    match &args.port {
+        Port::Virtual => match args.tracker {
+            Kind::Bootstrap => virtual_board::start(dimension),
+            Kind::RaoBlackwell => virtual_board::start_faced(dimension),
+        }
+        .ok_or_else(|| Error::Input(format!("no board tracks in {dimension} dimensions"))),
         Port::Tcp(address) => Tcp::connect(address, CONNECT)
             .map(|link| Box::new(link) as Box<dyn Link>)
             .map_err(|e| Error::Failure(format!("tcp:{address}: {e}"))),

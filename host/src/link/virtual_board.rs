@@ -4,7 +4,10 @@ use std::collections::VecDeque;
 use std::io;
 use std::time::{Duration, Instant};
 
-use tactile_core::device::{Board, Device, Onboard, PlanarDevice, SpatialDevice, Vitals};
+use tactile_core::device::{
+    Board, Device, Onboard, PlanarDevice, PlanarFacedDevice, SpatialDevice, SpatialFacedDevice,
+    Vitals,
+};
 use tactile_core::wire::{BoardKind, WireSpace};
 
 use super::Link;
@@ -61,6 +64,16 @@ pub fn start(dimension: usize) -> Option<Box<dyn Link>> {
     }
 }
 
+/// A virtual board of this dimension that carries the Rao-Blackwellised filter; `None` unless it is 2
+/// or 3.
+pub fn start_faced(dimension: usize) -> Option<Box<dyn Link>> {
+    match dimension {
+        2 => Some(Box::new(VirtualBoard::start(Box::new(PlanarFacedDevice::PLANAR_FACED)))),
+        3 => Some(Box::new(VirtualBoard::start(Box::new(SpatialFacedDevice::SPATIAL_FACED)))),
+        _ => None,
+    }
+}
+
 impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Link for VirtualBoard<T, S, CONTACTS> {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.device.take(bytes, &mut self.wires);
@@ -73,5 +86,27 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Link for VirtualBoard<T
             *byte = sent;
         }
         Ok(count)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tactile_core::space::Planar;
+
+    use super::*;
+    use crate::link::session::settings_for;
+    use crate::link::{Patience, Session};
+    use crate::sim::{ObjectSpec, Options, simulate};
+
+    #[test]
+    fn boards_carry_the_tracker_they_are_started_with() {
+        let object: ObjectSpec = "rectangle:0.10x0.06".parse().unwrap();
+        let log = simulate(&Options { grasps: Some(4), ..Options::new(object) }).unwrap().log;
+        for (board, particles) in [(start(2), 250), (start_faced(2), 64)] {
+            let session = Session::<Planar, _>::open(board.unwrap(), Patience::default()).unwrap();
+            let outcome = session.run(&log, settings_for(&log, 1), |_, _| ()).unwrap();
+            assert_eq!((outcome.hello.particles, outcome.poses().len()), (particles, 4));
+        }
+        assert!(start(4).is_none() && start_faced(1).is_none());
     }
 }

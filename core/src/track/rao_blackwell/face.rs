@@ -208,8 +208,9 @@ impl<S: Faceted> Face<S> {
                 // One column of the old matrix after the other, each direction seen from the new.
                 for k in 0..S::Along::LEN {
                     for l in 0..S::Along::LEN {
-                        *turned.at_mut(i, j) +=
-                            new[i & 1].dot(old[k & 1]) * self.scatter.at(k, l) * new[j & 1].dot(old[l & 1]);
+                        *turned.at_mut(i, j) += new[i & 1].dot(old[k & 1])
+                            * self.scatter.at(k, l)
+                            * new[j & 1].dot(old[l & 1]);
                     }
                 }
             }

@@ -30,7 +30,8 @@ impl<S: Space, const PARTICLES: usize, const HISTORY: usize> Genealogy<S, PARTIC
     /// Records the next grasp: each particle's pose and its parent's place.
     pub fn record(&mut self, particles: impl Iterator<Item = (S::Pose, u16)>) {
         let place = self.place(self.grasps);
-        if let (Some(poses), Some(parents)) = (self.poses.get_mut(place), self.parents.get_mut(place))
+        if let (Some(poses), Some(parents)) =
+            (self.poses.get_mut(place), self.parents.get_mut(place))
         {
             for ((pose, parent), new) in poses.iter_mut().zip(parents).zip(particles) {
                 (*pose, *parent) = new;

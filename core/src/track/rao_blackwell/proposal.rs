@@ -133,12 +133,8 @@ struct Peak<S: Space> {
 }
 
 impl<S: Space> Peak<S> {
-    const UNSET: Self = Peak {
-        pose: S::Pose::UNSET,
-        factor: S::Covariance::ZERO,
-        log_root: 0.0,
-        share: 0.0,
-    };
+    const UNSET: Self =
+        Peak { pose: S::Pose::UNSET, factor: S::Covariance::ZERO, log_root: 0.0, share: 0.0 };
 
     /// The motion prior itself.
     fn of(prior: &Prior<S>) -> Self {

@@ -130,7 +130,9 @@ fn an_object_that_is_gone_is_lost_then_found_and_its_shape_kept() {
     let before: Vec<usize> = filter.particles().iter().map(|p| p.shape.faces().len()).collect();
     // Something else: a small thing with normals that no rectangle has.
     let strange: Vec<_> = [0.3f32, 1.0, 2.0, 2.9, 4.1, 5.3]
-        .map(|a| contact::<Planar>(Vector([0.01 * a.cos(), 0.01 * a.sin()]), Vector([a.cos(), a.sin()])))
+        .map(|a| {
+            contact::<Planar>(Vector([0.01 * a.cos(), 0.01 * a.sin()]), Vector([a.cos(), a.sin()]))
+        })
         .to_vec();
     for _ in 0..2 {
         let lost = filter.update(None, view(&strange));
@@ -311,7 +313,8 @@ fn follows_a_box_in_space() {
     filter.update(None, view(&hold(&truth, 0.0)));
     for k in 1..8 {
         let v: Vector<6> = noise.normal();
-        let slip = Vector([0.01 * v[0], 0.01 * v[1], 0.01 * v[2], 0.2 * v[3], 0.2 * v[4], 0.2 * v[5]]);
+        let slip =
+            Vector([0.01 * v[0], 0.01 * v[1], 0.01 * v[2], 0.2 * v[3], 0.2 * v[4], 0.2 * v[5]]);
         truth = truth.retract(slip);
         let estimate = filter.update(None, view(&hold(&truth, 0.003 * (k % 4) as f32)));
         let e = truth.local(&estimate.pose).0;
@@ -326,13 +329,20 @@ fn follows_a_box_in_space() {
 fn importance_weights_are_unbiased_where_the_answer_is_exact() {
     let mut shape = Shape::<Planar, 4>::NONE;
     for x in [-0.03, -0.01, 0.01, 0.03] {
-        shape.learn(&Felt::at(&PlanarPose::IDENTITY, &contact::<Planar>(Vector([x, 0.03]), Vector([0.0, 1.0]))), 0);
+        shape.learn(
+            &Felt::at(
+                &PlanarPose::IDENTITY,
+                &contact::<Planar>(Vector([x, 0.03]), Vector([0.0, 1.0])),
+            ),
+            0,
+        );
     }
     let seen = shape.view();
     // The motion's rotation is known to 0.1 mrad: only the translation along y matters.
     let noise = MotionNoise { translation: 0.01, rotation: 1e-4 };
     let prior = Prior::<Planar> { mean: PlanarPose::IDENTITY, noise };
-    let felt = Contact { normal: None, ..contact::<Planar>(Vector([0.0, 0.036]), Vector([0.0, 1.0])) };
+    let felt =
+        Contact { normal: None, ..contact::<Planar>(Vector([0.0, 0.036]), Vector([0.0, 1.0])) };
     let grasp = [felt];
     let mut random = Random::new(3);
     let (mut total, mut first, mut second) = (0.0f64, 0.0f64, 0.0f64);
@@ -355,7 +365,8 @@ fn importance_weights_are_unbiased_where_the_answer_is_exact() {
         let y = f64::from(i) * step;
         let pose = PlanarPose::from_translation(Vector([0.0, y as f32]));
         let likelihood = f64::from(seen.explain(&Felt::at(&pose, &felt)).log).exp();
-        let density = (-0.5 * (y / 0.01).powi(2)).exp() / (0.01 * (2.0 * core::f64::consts::PI).sqrt());
+        let density =
+            (-0.5 * (y / 0.01).powi(2)).exp() / (0.01 * (2.0 * core::f64::consts::PI).sqrt());
         let weight = likelihood * density * step;
         want += weight;
         moments[0] += weight * y;
