@@ -159,7 +159,8 @@ pub fn truth(log: &GraspLog) -> Result<Vec<Step>, NoTruth> {
 pub fn bootstrap(log: &GraspLog, settings: &Settings) -> Vec<Step> {
     if log.dimension == 2 {
         type Filter = Bootstrap<Planar, BakedMap, PLANAR_PARTICLES>;
-        let mut tracker = Box::new(Filter::new(BakedMap::new(PlanarMap::new())));
+        // Made by the compiler: the stack has no room for every part on its way into the whole.
+        let mut tracker = Box::new(const { Filter::new(BakedMap::new(PlanarMap::new())) });
         tracker.map_mut().map_mut().configure(KERNEL, Ball::UNSET, Training::Normals);
         tracker.configure(*settings);
         follow(&mut *tracker, log)

@@ -19,13 +19,17 @@ use crate::track::MotionNoise;
 pub(super) const STARTS: usize = 3;
 
 /// Blur of the contacts in parts of the motion's variance, step by step.
-const BLUR: [f32; 7] = [0.3, 0.1, 0.03, 0.01, 0.0, 0.0, 0.0];
+const BLUR: [f32; 6] = [0.3, 0.06, 0.01, 0.0, 0.0, 0.0];
 
 /// Least weight of a contact's nearest face while contacts are blurred: a weak pull.
 const PULL: f32 = 0.02;
 
 /// Longest step: metres and radians.
 const STEP: [f32; 2] = [0.03, 0.35];
+
+/// A step shorter than this (standard deviations, squared) is the last: a hundredth of what the draw
+/// adds to the pose.
+const SETTLED: f32 = 0.01;
 
 /// Proposals are this much wider than the Laplace approximation (variance): tails that are too thin
 /// make weights wild.
@@ -241,6 +245,7 @@ fn climb<S: Faceted, const FACES: usize>(
     start: S::Pose,
 ) -> Option<Peak<S>> {
     let mut pose = start;
+    let mut settled = None;
     for blur in BLUR {
         let (information, right) = normal_equations(view, prior, grasp, &pose, blur);
         let factor = cholesky::<S>(&information)?;
@@ -255,12 +260,15 @@ fn climb<S: Faceted, const FACES: usize>(
         }
         step = step * shorten;
         pose = pose.retract(step);
-        if blur == 0.0 && moved < 1e-3 {
+        if blur == 0.0 && moved < SETTLED {
+            settled = Some(factor);
             break;
         }
     }
-    let (information, _) = normal_equations(view, prior, grasp, &pose, 0.0);
-    let factor = cholesky::<S>(&information)?;
+    let factor = match settled {
+        Some(factor) => factor,
+        None => cholesky::<S>(&normal_equations(view, prior, grasp, &pose, 0.0).0)?,
+    };
     let mut log_root = 0.0;
     for i in 0..S::FREEDOM {
         log_root += math::ln(factor.at(i, i));
