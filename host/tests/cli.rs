@@ -248,6 +248,13 @@ fn bad_arguments_are_refused() {
         ("reproduce figure-2.9 --seeds 1 --out file", &["file", "write"]),
         ("reproduce push --contacts 5", &["--contacts", "shapes", "push"]),
         ("reproduce figure-2.5 --noise 1mm,2deg", &["--noise", "shapes"]),
+        ("reproduce shapes --tracker bootstrap", &["--tracker", "tracking", "shapes"]),
+        ("reproduce shapes --noise loud", &["--noise", "loud"]),
+        ("reproduce tracking --tracker best", &["best", "oracle", "bootstrap", "literal"]),
+        ("reproduce tracking --noise 25,loud", &["--noise", "loud", "25,50,100"]),
+        ("reproduce tracking --object cube", &["cube", "rectangle"]),
+        ("reproduce tracking --outliers 2 --seeds 1", &["--outliers", "2"]),
+        ("reproduce mujoco --object anvil", &["mujoco"]),
         ("dance", &["dance"]),
     ] {
         bench.refuses(line, words);

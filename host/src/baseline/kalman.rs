@@ -33,6 +33,17 @@ pub struct Kalman {
     covariance: DMatrix<f64>,
 }
 
+/// What the contacts should measure, and how that goes with the pose.
+struct Predicted {
+    mean: DVector<f64>,
+    /// Of the measurement, without its noise.
+    covariance: DMatrix<f64>,
+    /// Of pose (rows) and measurement.
+    cross: DMatrix<f64>,
+    /// Variances of the measurement's noise.
+    noise: DVector<f64>,
+}
+
 /// Weight of the middle sigma point in those of the others, less their number.
 const KAPPA: f64 = 1.0;
 
@@ -103,19 +114,14 @@ impl Kalman {
         DMatrix::from_row_slice(rows.len() / n, n, &rows)
     }
 
-    /// Predicted measurement, its covariance without noise, and that of pose and measurement.
-    fn predicted(
-        &self,
-        surface: &Gpis,
-        contacts: &[Contact],
-    ) -> Option<(DVector<f64>, DMatrix<f64>, DMatrix<f64>, DVector<f64>)> {
+    fn predicted(&self, surface: &Gpis, contacts: &[Contact]) -> Option<Predicted> {
         let at = evaluate(surface, contacts, &self.pose);
         let noise = self.noise(contacts, &at);
         let middle = self.residuals(&self.pose, contacts, &at);
         if self.transform == Transform::Linear {
             let h = self.derivative(contacts, &at);
             let cross = &self.covariance * h.transpose();
-            return Some((middle, &h * &cross, cross, noise));
+            return Some(Predicted { mean: middle, covariance: &h * &cross, cross, noise });
         }
         let n = self.motion.freedom();
         let tiny = DMatrix::identity(n, n) * 1e-14;
@@ -137,13 +143,13 @@ impl Kalman {
         for (i, (_, seen)) in points.iter().enumerate() {
             mean += seen * weight(i);
         }
-        let (mut own, mut cross) = (DMatrix::zeros(m, m), DMatrix::zeros(n, m));
+        let (mut covariance, mut cross) = (DMatrix::zeros(m, m), DMatrix::zeros(n, m));
         for (i, (offset, seen)) in points.iter().enumerate() {
             let off = seen - &mean;
-            own += weight(i) * &off * off.transpose();
+            covariance += weight(i) * &off * off.transpose();
             cross += weight(i) * offset * off.transpose();
         }
-        Some((mean, own, cross, noise))
+        Some(Predicted { mean, covariance, cross, noise })
     }
 }
 
@@ -163,13 +169,13 @@ impl Belief for Kalman {
     }
 
     fn correct(&mut self, surface: &Gpis, contacts: &[Contact]) -> bool {
-        let Some((seen, own, cross, noise)) = self.predicted(surface, contacts) else {
-            return false;
-        };
-        let Some(whole) = (own + DMatrix::from_diagonal(&noise)).cholesky() else { return false };
+        let Some(predicted) = self.predicted(surface, contacts) else { return false };
+        let Predicted { mean, covariance, cross, noise } = predicted;
+        let whole = (covariance + DMatrix::from_diagonal(&noise)).cholesky();
+        let Some(whole) = whole else { return false };
         // The gain is cross·whole⁻¹; what should be seen is zero.
         let gain = whole.solve(&cross.transpose()).transpose();
-        let step = -(&gain * seen);
+        let step = -(&gain * mean);
         let less = &gain * cross.transpose();
         if !step.iter().chain(less.iter()).all(|x| x.is_finite()) {
             return false;

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::cli::{Error, say};
 use crate::experiment::chapter2::{self, FIGURES};
-use crate::experiment::tracking::{Contender, mujoco};
+use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{Picture, calibration, chapter3, data, memory, push, shapes, tracking};
 use crate::log::write::write_atomically;
 use crate::quantity::{self, Deviation};
@@ -21,7 +21,7 @@ pub struct ReproduceArgs {
     /// Which: a figure of the thesis, or one of ours
     #[arg(value_parser = PossibleValuesParser::new(names()))]
     name: String,
-    /// How many seeds, from 0 on [default: 20; tracking: 40, mujoco: 1]
+    /// How many seeds, from 0 on [default: 20; of trackers 40, mujoco 1]
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     seeds: Option<u64>,
     /// Print the numbers as JSON
@@ -37,7 +37,7 @@ pub struct ReproduceArgs {
 impl ReproduceArgs {
     fn seeds(&self) -> u64 {
         self.seeds.unwrap_or(match self.name.as_str() {
-            TRACKING => 40,
+            TRACKING | CONSISTENCY => 40,
             MUJOCO => 1,
             _ => 20,
         })
@@ -77,15 +77,18 @@ struct PartArgs {
 impl PartArgs {
     /// The options that were given, each with the experiments that take it.
     fn given(&self) -> impl Iterator<Item = (&'static str, &'static [&'static str])> {
-        const ALL: &[&str] = &[SHAPES, TRACKING, MUJOCO];
+        const COMPARISONS: &[&str] = &[SHAPES, TRACKING, CONSISTENCY];
+        const TRACKERS: &[&str] = &[TRACKING, CONSISTENCY, MUJOCO];
+        const SIMULATED: &[&str] = &[TRACKING, CONSISTENCY];
+        const ALL: &[&str] = &[SHAPES, TRACKING, CONSISTENCY, MUJOCO];
         let options: [(_, &'static [&'static str], bool); 7] = [
             ("--object", ALL, !self.object.is_empty()),
-            ("--first-seed", &ALL[..2], self.first_seed.is_some()),
-            ("--noise", &ALL[..2], self.noise.is_some()),
-            ("--contacts", &ALL[..1], !self.contacts.is_empty()),
-            ("--tracker", &ALL[1..], !self.tracker.is_empty()),
-            ("--outliers", &ALL[1..2], self.outliers.is_some()),
-            ("--grasps", &ALL[1..2], self.grasps.is_some()),
+            ("--first-seed", COMPARISONS, self.first_seed.is_some()),
+            ("--noise", COMPARISONS, self.noise.is_some()),
+            ("--contacts", &[SHAPES], !self.contacts.is_empty()),
+            ("--tracker", TRACKERS, !self.tracker.is_empty()),
+            ("--outliers", SIMULATED, self.outliers.is_some()),
+            ("--grasps", SIMULATED, self.grasps.is_some()),
         ];
         options.into_iter().filter_map(|(name, takers, given)| given.then_some((name, takers)))
     }
@@ -97,18 +100,22 @@ const SHAPES: &str = "shapes";
 /// The comparison of all trackers.
 const TRACKING: &str = "tracking";
 
+/// Whether trackers know how wrong they are.
+const CONSISTENCY: &str = "tracking-calibration";
+
 /// All trackers on recordings of simulated physics.
 const MUJOCO: &str = "mujoco";
 
-/// What is not a figure of chapter 2.
-const OTHERS: [&str; 2] = ["figure-3.12", "push"];
+/// What is quick and no figure of the thesis.
+const OTHERS: [&str; 1] = ["push"];
 
 /// Not part of `all`, which would take hours with them.
-const LONG: [&str; 5] = [SHAPES, TRACKING, MUJOCO, "calibration", "memory"];
+const LONG: [&str; 6] = [SHAPES, TRACKING, CONSISTENCY, MUJOCO, "calibration", "memory"];
 
 fn names() -> Vec<&'static str> {
     let figures = FIGURES.iter().map(|f| f.name);
-    figures.chain(OTHERS).chain(LONG).chain(["all"]).collect()
+    let tracked = chapter3::FIGURES.iter().map(|f| f.name);
+    figures.chain(tracked).chain(OTHERS).chain(LONG).chain(["all"]).collect()
 }
 
 /// What an experiment gave: numbers to read, the same for programs, pictures.
@@ -168,12 +175,12 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
     }
     match args.name.as_str() {
         SHAPES => return compare_shapes(args),
-        TRACKING => return compare_trackers(args),
+        TRACKING | CONSISTENCY => return compare_trackers(args),
         MUJOCO => return follow_recordings(args),
         _ => (),
     }
     let wanted = |name: &&str| match args.name.as_str() {
-        "all" => *name != "all" && !LONG.contains(name),
+        "all" => *name != "all" && !LONG.contains(name) && chapter3::figure(name).is_none(),
         one => one == *name,
     };
     let mut outcomes = Vec::new();
@@ -209,9 +216,8 @@ fn compare_shapes(args: &ReproduceArgs) -> Result<(), Error> {
         seeds: args.seeds(),
         first_seed: first_seed.unwrap_or(0),
     };
-    tell(args, shapes::heading());
-    let progress = |row: &shapes::Row| tell(args, row);
-    let table = shapes::run(data().as_deref(), &selection, progress).map_err(Error::input)?;
+    let rows = watch(args, shapes::heading());
+    let table = shapes::run(data().as_deref(), &selection, rows).map_err(Error::input)?;
     conclude(args, &Outcome::new(SHAPES, &table, None)?)
 }
 
@@ -240,8 +246,13 @@ fn compare_trackers(args: &ReproduceArgs) -> Result<(), Error> {
         seeds: args.seeds(),
         first_seed: first_seed.unwrap_or(0),
     };
-    tell(args, tracking::heading());
-    let table = tracking::run(&selection, |row| tell(args, row)).map_err(Error::input)?;
+    if args.name == CONSISTENCY {
+        let rows = watch(args, consistency::heading());
+        let table = consistency::run(&selection, rows).map_err(Error::input)?;
+        return conclude(args, &Outcome::new(CONSISTENCY, &table, None)?);
+    }
+    let rows = watch(args, tracking::heading());
+    let table = tracking::run(&selection, rows).map_err(Error::input)?;
     conclude(args, &Outcome::new(TRACKING, &table, None)?)
 }
 
@@ -253,16 +264,22 @@ fn follow_recordings(args: &ReproduceArgs) -> Result<(), Error> {
         contenders: tracker.clone(),
         seeds: args.seeds(),
     };
-    tell(args, mujoco::heading());
-    let table =
-        mujoco::run(data().as_deref(), &selection, |row| tell(args, row)).map_err(Error::input)?;
+    let rows = watch(args, mujoco::heading());
+    let table = mujoco::run(data().as_deref(), &selection, rows).map_err(Error::input)?;
     conclude(args, &Outcome::new(MUJOCO, &table, None)?)
 }
 
-/// Says how far a long comparison is to whoever watches.
-fn tell(args: &ReproduceArgs, line: impl Display) {
-    if !args.json {
-        eprintln!("{line}");
+/// Shows the rows of a long comparison to whoever watches, as they are done.
+fn watch<R: Display>(args: &ReproduceArgs, heading: String) -> impl FnMut(&R) {
+    let mut heading = (!args.json).then_some(heading);
+    let quiet = args.json;
+    move |row| {
+        if let Some(heading) = heading.take() {
+            eprintln!("{heading}");
+        }
+        if !quiet {
+            eprintln!("{row}");
+        }
     }
 }
 
@@ -284,6 +301,10 @@ fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
         let drawn = figure.draw(args.seeds()).map_err(Error::failure)?;
         return Outcome::new(name, &drawn, Some(drawn.picture.clone()));
     }
+    if let Some(figure) = chapter3::figure(name) {
+        let drawn = figure.draw(args.seeds()).map_err(Error::failure)?;
+        return Outcome::new(name, &drawn, Some(drawn.picture.clone()));
+    }
     if name == "calibration" {
         let table = calibration::run(data().as_deref(), 0, args.seeds()).map_err(Error::failure)?;
         return Outcome::new(name, &table, None);
@@ -292,9 +313,6 @@ fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
         let table = memory::run(args.seeds()).map_err(Error::failure)?;
         return Outcome::new(name, &table, None);
     }
-    let table = match name {
-        "figure-3.12" => chapter3::run(args.seeds()).map_err(Error::failure)?,
-        _ => push::run(data().as_deref()).map_err(Error::input)?,
-    };
+    let table = push::run(data().as_deref()).map_err(Error::input)?;
     Outcome::new(name, &table, None)
 }

@@ -1,9 +1,11 @@
 //! Every tracker on every object at every noise: how often it keeps the object, and what it costs.
 
+pub mod consistency;
 pub mod judge;
 pub mod mujoco;
 
 use std::fmt;
+use std::ops::Range;
 use std::str::FromStr;
 use std::time::Instant;
 
@@ -147,6 +149,18 @@ pub struct Selection {
     pub first_seed: u64,
 }
 
+impl Selection {
+    /// The seeds.
+    fn range(&self) -> Range<u64> {
+        self.first_seed..self.first_seed.saturating_add(self.seeds)
+    }
+
+    /// The noise, or the usual.
+    fn percents(&self) -> &[f64] {
+        if self.noise.is_empty() { &NOISE } else { &self.noise }
+    }
+}
+
 /// One contender on one object at one noise.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
@@ -193,14 +207,13 @@ pub struct Comparison {
 /// When an object does not exist or cannot be simulated.
 pub fn run(selection: &Selection, mut done: impl FnMut(&Row)) -> Result<Comparison, SimError> {
     let mut rows = Vec::new();
-    let noise: &[f64] = if selection.noise.is_empty() { &NOISE } else { &selection.noise };
     let contenders = match &selection.contenders[..] {
         [] => Contender::all().collect(),
         chosen => chosen.to_vec(),
     };
     for spec in objects(&selection.objects)? {
         let truth = Truth::new(spec.geometry()?);
-        for percent in noise {
+        for percent in selection.percents() {
             for contender in &contenders {
                 let row = compare(&spec, &truth, *percent, *contender, selection)?;
                 done(&row);
@@ -226,8 +239,9 @@ fn objects(wanted: &[String]) -> Result<Vec<ObjectSpec>, SimError> {
 }
 
 /// What one seed gave.
-struct Run {
-    judgement: Option<Judgement>,
+pub(super) struct Run {
+    /// `None` where there is nothing to judge by.
+    pub(super) judgement: Option<Judgement>,
     /// Per grasp.
     milliseconds: f64,
 }
@@ -240,18 +254,9 @@ fn compare(
     selection: &Selection,
 ) -> Result<Row, SimError> {
     let start = Instant::now();
-    let full = full_noise(spec.dimension());
-    let part = noise / 100.0;
-    let options = Options {
-        motion_noise: Deviation { length: full.length * part, angle: full.angle * part },
-        outliers: selection.outliers,
-        grasps: selection.grasps,
-        ..Options::new(spec.clone())
-    };
-    let seeds = selection.first_seed..selection.first_seed.saturating_add(selection.seeds);
-    let run = |seed| one(&Options { seed, ..options.clone() }, truth, contender);
-    let runs: Vec<Run> =
-        with_room(|| seeds.into_par_iter().map(run).collect::<Result<_, SimError>>())?;
+    let options = options(spec, noise, selection);
+    let follow = |log: &GraspLog, seed| contender.follow(log, seed);
+    let runs = runs(&options, truth, selection.range(), &follow)?;
     let judged: Vec<Judgement> = runs.iter().filter_map(|r| r.judgement).collect();
     let spread = |f: fn(&Judgement) -> f64| Spread::of(judged.iter().map(f));
     let times = runs.iter().map(|r| r.milliseconds).filter(|_| contender.is_tracker());
@@ -272,13 +277,36 @@ fn compare(
     })
 }
 
-/// One run; the tracker's seed is the simulation's.
-fn one(options: &Options, truth: &Truth, contender: Contender) -> Result<Run, SimError> {
-    let log = simulate(options)?.log;
-    let start = Instant::now();
-    let steps = contender.follow(&log, options.seed);
-    let milliseconds = 1e3 * start.elapsed().as_secs_f64() / log.grasps.len().max(1) as f64;
-    Ok(Run { judgement: judge(&log, &steps, truth), milliseconds })
+/// The simulation of an object at so many percent of [`full_noise`].
+fn options(spec: &ObjectSpec, percent: f64, selection: &Selection) -> Options {
+    let full = full_noise(spec.dimension());
+    let part = percent / 100.0;
+    Options {
+        motion_noise: Deviation { length: full.length * part, angle: full.angle * part },
+        outliers: selection.outliers,
+        grasps: selection.grasps,
+        ..Options::new(spec.clone())
+    }
+}
+
+/// Simulates, follows and judges, a run for each seed; the tracker's seed is the simulation's.
+///
+/// # Errors
+/// When the object cannot be simulated.
+pub(super) fn runs(
+    options: &Options,
+    truth: &Truth,
+    seeds: Range<u64>,
+    follow: &(dyn Fn(&GraspLog, u64) -> Vec<Step> + Sync),
+) -> Result<Vec<Run>, SimError> {
+    let one = |seed| {
+        let log = simulate(&Options { seed, ..options.clone() })?.log;
+        let start = Instant::now();
+        let steps = follow(&log, seed);
+        let milliseconds = 1e3 * start.elapsed().as_secs_f64() / log.grasps.len().max(1) as f64;
+        Ok(Run { judgement: judge(&log, &steps, truth), milliseconds })
+    };
+    with_room(|| seeds.into_par_iter().map(one).collect())
 }
 
 /// The line above the rows.

@@ -22,7 +22,7 @@ pub enum Error {
     )]
     NoData,
     /// No recording has such a name.
-    #[error("no recording's name holds {0:?}")]
+    #[error("no recording in mujoco has a name that holds {0:?}")]
     NoneWanted(String),
     /// A recording cannot be read.
     #[error(transparent)]
