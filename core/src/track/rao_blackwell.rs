@@ -220,8 +220,8 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
         let Running { motion: noise, random } = self.running();
         let (noise, mut random) = (noise.after_losing(lost), random.clone());
         let felt = centroid(grasp);
-        let contacts = good(grasp).count() as u16;
-        let enough = math::max(3.0, 0.6 * f32::from(contacts));
+        let contacts = good(grasp).count() as u32;
+        let enough = math::max(3.0, 0.6 * contacts as f32);
         let (mut strange, mut fitting, mut total) = (0.0, 0.0, 0.0);
         let mut greatest = f32::NEG_INFINITY;
         for (i, particle) in self.particles.iter().enumerate() {
@@ -238,7 +238,7 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
                 S::Pose::from_translation(felt - start.transform(centre)).compose(&start)
             });
             let Some(Drawn { pose, log_weight, agreement }) = drawn else {
-                self.scratch[i] = f32::NEG_INFINITY;
+                (self.drawn[i], self.scratch[i]) = (mean, f32::NEG_INFINITY);
                 continue;
             };
             self.drawn[i] = pose;
@@ -255,7 +255,7 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
             if agreement.strange >= 2 && 2 * agreement.strange >= contacts {
                 strange += weight;
             }
-            if f32::from(agreement.fitting) >= enough {
+            if agreement.fitting as f32 >= enough {
                 fitting += weight;
             }
         }

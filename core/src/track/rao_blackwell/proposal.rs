@@ -49,9 +49,13 @@ pub(super) struct Prior<S: Space> {
 }
 
 impl<S: Space> Prior<S> {
+    /// A motion without noise is taken to have 10 µm and 0.006°.
     fn information(&self, axis: usize) -> f32 {
-        let deviation =
-            if axis < S::DIMENSION { self.noise.translation } else { self.noise.rotation };
+        let deviation = if axis < S::DIMENSION {
+            math::max(self.noise.translation, 1e-5)
+        } else {
+            math::max(self.noise.rotation, 1e-4)
+        };
         1.0 / (deviation * deviation)
     }
 
@@ -92,9 +96,9 @@ pub(super) struct Agreement {
     /// Log likelihood.
     pub log: f32,
     /// Contacts that lie on known faces, and those that nothing explains.
-    pub fitting: u16,
+    pub fitting: u32,
     /// See [`Explanation::strange`](super::shape::Explanation).
-    pub strange: u16,
+    pub strange: u32,
 }
 
 /// The likelihood of a grasp: its contacts and where fingers met nothing.
@@ -107,8 +111,8 @@ pub(super) fn agreement<S: Faceted, const FACES: usize>(
     for contact in super::good(grasp) {
         let explained = view.explain(&Felt::at(pose, &contact));
         agreement.log += explained.log;
-        agreement.fitting += u16::from(explained.fits);
-        agreement.strange += u16::from(explained.strange);
+        agreement.fitting += u32::from(explained.fits);
+        agreement.strange += u32::from(explained.strange);
     }
     agreement.log += free::<S, FACES>(view, pose, grasp);
     agreement

@@ -97,7 +97,7 @@ impl<S: Faceted, const FACES: usize> Shape<S, FACES> {
             return 0;
         }
         // The longest ago among those of a single contact: a wild one, as likely as not.
-        let single = self.faces.iter_mut().filter(|f| f.contacts == 1 && f.touched < grasp);
+        let single = self.faces.iter_mut().filter(|f| f.contacts == 1 && f.touched != grasp);
         if let Some(face) = single.min_by_key(|f| f.touched) {
             *face = opened;
         }
