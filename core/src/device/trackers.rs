@@ -3,6 +3,7 @@
 
 use super::{Device, Onboard};
 use crate::math;
+use crate::matrix::Square;
 use crate::space::{Planar, Spatial};
 use crate::surface::cholesky::packed;
 use crate::surface::{Ball, Gpis, Matern32, Prior, Training};
@@ -157,4 +158,23 @@ impl<S: WireSpace + Faceted, const PARTICLES: usize, const FACES: usize, const H
 
     /// Nothing to set: faces have no model beside the contacts' noise.
     fn prepare(&mut self) {}
+
+    fn face(&self, number: u8) -> Option<(FaceSummary<S>, u8)> {
+        let faces = self.shape().faces();
+        let face = faces.get(usize::from(number))?;
+        let spread = face.tilt();
+        let axes = S::DIMENSION - 1;
+        let mut tilt = 0.0;
+        for axis in 0..axes {
+            tilt += spread.at(axis, axis) / axes as f32;
+        }
+        let summary = FaceSummary {
+            normal: face.normal,
+            centroid: face.centroid,
+            deviation: face.deviation(),
+            tilt: math::sqrt(math::max(tilt, 0.0)),
+            contacts: face.contacts,
+        };
+        Some((summary, faces.len() as u8))
+    }
 }

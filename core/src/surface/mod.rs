@@ -1,6 +1,7 @@
 //! Implicit surfaces: f > 0 outside the object, f < 0 inside, f = 0 on it, scaled as a signed
 //! distance in metres, in the object frame.
 
+pub mod baked;
 pub mod cholesky;
 pub mod faces;
 pub mod gpis;
@@ -9,6 +10,7 @@ pub mod kernel;
 pub mod local;
 pub mod prior;
 
+pub use baked::Baked;
 pub use faces::{Face, Faces};
 pub use gpis::{Gpis, Spheres, Training};
 pub use grid::Grid;

@@ -45,8 +45,9 @@ pub fn log_likelihood<S: Space>(
     distance + student(angle * angle, spread, (S::DIMENSION - 1) as f32)
 }
 
-/// Deviations beyond which a contact is nowhere near where the surface is known to be.
-const STRANGE: f32 = 5.0;
+/// Deviations beyond which a contact is nowhere near where the surface is known to be. A Gaussian
+/// process knows little away from its contacts: 15 mm above one it allows for 3 to 5 mm.
+const STRANGE: f32 = 3.0;
 
 /// Least probability, of what it would be otherwise, of a fingertip that met nothing inside the
 /// object: the fingertip is not a point, and the hand may have moved the object.
@@ -55,7 +56,7 @@ const FREE_DOUBT: f32 = 0.05;
 /// Standard deviation of the place of a fingertip that met nothing, metres.
 const FREE_DEVIATION: f32 = 2e-3;
 
-/// Whether a contact contradicts the surface where it was probed: farther from it than five standard
+/// Whether a contact contradicts the surface where it was probed: farther from it than three standard
 /// deviations of both, or on its other side. Where nothing was touched nothing is strange.
 pub fn is_strange<S: Space>(
     probe: &Probe<S>,

@@ -166,16 +166,21 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
         &self.weights
     }
 
-    /// The shape of the heaviest particle of the best mode.
+    /// The shape of the particle at the best mode.
     pub fn shape(&self) -> &Shape<S, FACES> {
-        let mut best = 0;
-        let mut most = -1.0;
-        for (i, weight) in self.in_mode().enumerate() {
-            if weight > most {
-                (most, best) = (weight, i);
+        &self.particles[self.nearest_to_mode()].shape
+    }
+
+    /// The particle at the best mode, or what resampling has left nearest to it.
+    fn nearest_to_mode(&self) -> usize {
+        let mut best = (f32::INFINITY, 0);
+        for (place, particle) in self.particles.iter().enumerate() {
+            let apart = KERNEL.between::<S>(&self.mode, &particle.pose);
+            if apart < best.0 {
+                best = (apart, place);
             }
         }
-        &self.particles[best].shape
+        best.1
     }
 
     fn running(&mut self) -> &mut Running {
@@ -215,8 +220,8 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
         let Running { motion: noise, random } = self.running();
         let (noise, mut random) = (noise.after_losing(lost), random.clone());
         let felt = centroid(grasp);
-        let contacts = good(grasp).count() as u16;
-        let enough = math::max(3.0, 0.6 * f32::from(contacts));
+        let contacts = good(grasp).count() as u32;
+        let enough = math::max(3.0, 0.6 * contacts as f32);
         let (mut strange, mut fitting, mut total) = (0.0, 0.0, 0.0);
         let mut greatest = f32::NEG_INFINITY;
         for (i, particle) in self.particles.iter().enumerate() {
@@ -233,7 +238,7 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
                 S::Pose::from_translation(felt - start.transform(centre)).compose(&start)
             });
             let Some(Drawn { pose, log_weight, agreement }) = drawn else {
-                self.scratch[i] = f32::NEG_INFINITY;
+                (self.drawn[i], self.scratch[i]) = (mean, f32::NEG_INFINITY);
                 continue;
             };
             self.drawn[i] = pose;
@@ -247,10 +252,10 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
             }
             let weight = math::exp(log - greatest);
             total += weight;
-            if agreement.strange >= 2 && 2 * agreement.strange > contacts {
+            if agreement.strange >= 2 && 2 * agreement.strange >= contacts {
                 strange += weight;
             }
-            if f32::from(agreement.fitting) >= enough {
+            if agreement.fitting as f32 >= enough {
                 fitting += weight;
             }
         }
@@ -439,7 +444,7 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
     }
 
     fn recall(&self, grasp: u32) -> Option<S::Pose> {
-        self.genealogy.mean(grasp, self.in_mode())
+        self.genealogy.mean(grasp, self.nearest_to_mode(), self.in_mode())
     }
 }
 

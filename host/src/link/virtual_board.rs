@@ -90,3 +90,30 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Link for VirtualBoard<T
         Ok(count)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use tactile_core::space::Planar;
+
+    use super::*;
+    use crate::link::session::settings_for;
+    use crate::link::{Patience, Session};
+    use crate::sim::{ObjectSpec, Options, simulate};
+
+    #[test]
+    fn boards_carry_the_tracker_they_are_started_with() {
+        let object: ObjectSpec = "rectangle:0.10x0.06".parse().unwrap();
+        let log = simulate(&Options { grasps: Some(4), ..Options::new(object) }).unwrap().log;
+        use TrackerKind::{Bootstrap, Curved, Hypotheses, RaoBlackwell};
+        for (tracker, particles) in [(Bootstrap, 250), (RaoBlackwell, 64), (Hypotheses, 4)] {
+            let board = start(2, tracker).unwrap();
+            let mut session = Session::<Planar, _>::open(board, Patience::default()).unwrap();
+            assert_eq!(session.hello().map(|h| h.tracker), Some(tracker));
+            assert!(session.faces().unwrap().is_empty());
+            let outcome = session.run(&log, settings_for(&log, 1), |_, _| ()).unwrap();
+            assert_eq!((outcome.hello.particles, outcome.poses().len()), (particles, 4));
+        }
+        assert!(start(4, Bootstrap).is_none() && start(1, RaoBlackwell).is_none());
+        assert!(start(2, Curved).is_none());
+    }
+}

@@ -5,7 +5,7 @@ use tactile_core::contact::{Contact, FreePoint, GraspView};
 use tactile_core::matrix::Square;
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::surface::cholesky::packed;
-use tactile_core::surface::{Ball, Gpis, Matern32, Prior, Training};
+use tactile_core::surface::{Baked, Ball, Gpis, Matern32, Prior, Training};
 use tactile_core::track::hypotheses::{self, Hypotheses};
 use tactile_core::track::{
     Bootstrap, Estimate, MotionNoise, RaoBlackwell, Settings, Status, Tracker,
@@ -28,8 +28,13 @@ const SPATIAL_PARTICLES: usize = 20_000;
 /// The surface a tracker follows: Matérn-3/2 about a fitted ball.
 pub const KERNEL: Matern32 = Matern32 { amplitude: 0.03, lengthscale: 0.1 };
 
+/// Nodes per axis of the grid that the planar surface is baked into at every grasp: 3 mm apart on an
+/// object of 120 mm. (In space a grid this fine has more nodes than the particles ask for points.)
+const NODES: usize = 64;
+
 type PlanarMap =
     Gpis<Planar, Matern32, Ball<Planar>, CONTACTS, { 3 * CONTACTS }, { packed(3 * CONTACTS) }>;
+type BakedMap = Baked<Planar, PlanarMap, { NODES * NODES }>;
 type SpatialMap =
     Gpis<Spatial, Matern32, Ball<Spatial>, CONTACTS, { 4 * CONTACTS }, { packed(4 * CONTACTS) }>;
 
@@ -181,9 +186,10 @@ pub fn truth(log: &GraspLog) -> Result<Vec<Step>, NoTruth> {
 /// per grasp, the same for the same seed on every machine.
 pub fn bootstrap(log: &GraspLog, settings: &Settings) -> Vec<Step> {
     if log.dimension == 2 {
-        let mut tracker =
-            Box::new(Bootstrap::<Planar, PlanarMap, PLANAR_PARTICLES>::new(PlanarMap::new()));
-        tracker.map_mut().configure(KERNEL, Ball::UNSET, Training::Normals);
+        type Filter = Bootstrap<Planar, BakedMap, PLANAR_PARTICLES>;
+        // Made by the compiler: the stack has no room for every part on its way into the whole.
+        let mut tracker = Box::new(const { Filter::new(BakedMap::new(PlanarMap::new())) });
+        tracker.map_mut().map_mut().configure(KERNEL, Ball::UNSET, Training::Normals);
         tracker.configure(*settings);
         follow(&mut *tracker, log)
     } else {

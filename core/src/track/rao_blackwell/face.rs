@@ -158,8 +158,13 @@ impl<S: Faceted> Face<S> {
         self.normal.dot(self.centroid)
     }
 
+    /// Standard deviation along the normal at the centroid, metres.
+    pub fn deviation(&self) -> f32 {
+        1.0 / math::sqrt(self.weight)
+    }
+
     /// Covariance of the tilt δ along the basis of the normal: what normals and places say together.
-    pub(super) fn tilt(&self) -> S::Spread {
+    pub fn tilt(&self) -> S::Spread {
         let mut information = self.scatter;
         for k in 0..S::Along::LEN {
             *information.at_mut(k, k) += self.normal_weight;

@@ -1,6 +1,7 @@
 //! Where the particles of today were at earlier grasps.
 
 use crate::space::{self, Pose, Space};
+use crate::track::Separation;
 
 /// The poses of the last `HISTORY` grasps and who descends from whom; nothing is copied when particles
 /// are resampled. All zero bits when new.
@@ -57,20 +58,21 @@ impl<S: Space, const PARTICLES: usize, const HISTORY: usize> Genealogy<S, PARTIC
         self.poses.get(self.place(grasp))?.get(place).copied()
     }
 
-    /// Mean pose at `grasp` of the ancestors of particles of these weights.
-    pub fn mean(&self, grasp: u32, weights: impl Iterator<Item = f32> + Clone) -> Option<S::Pose> {
+    /// Mean pose at `grasp` of the ancestors of particles of these weights, as far as they agree with
+    /// the ancestor of particle `best`: one that came by another way does not count.
+    pub fn mean(
+        &self,
+        grasp: u32,
+        best: usize,
+        weights: impl Iterator<Item = f32> + Clone,
+    ) -> Option<S::Pose> {
         if !self.remembers(grasp) {
             return None;
         }
-        let mut heaviest = (0.0, None);
-        for (place, weight) in weights.clone().enumerate() {
-            if weight > heaviest.0 {
-                heaviest = (weight, Some(place));
-            }
-        }
-        let start = self.ancestor(heaviest.1?, grasp)?;
+        let start = self.ancestor(best, grasp)?;
         let poses = weights.enumerate().filter_map(|(place, weight)| {
-            (weight > 0.0).then_some((weight, self.ancestor(place, grasp)?))
+            let pose = if weight > 0.0 { self.ancestor(place, grasp)? } else { return None };
+            (Separation::DEFAULT.between::<S>(&start, &pose) < 1.0).then_some((weight, pose))
         });
         Some(space::mean::<S>(poses, start).0)
     }

@@ -19,13 +19,17 @@ use crate::track::MotionNoise;
 pub(super) const STARTS: usize = 3;
 
 /// Blur of the contacts in parts of the motion's variance, step by step.
-const BLUR: [f32; 7] = [0.3, 0.1, 0.03, 0.01, 0.0, 0.0, 0.0];
+const BLUR: [f32; 6] = [0.3, 0.06, 0.01, 0.0, 0.0, 0.0];
 
 /// Least weight of a contact's nearest face while contacts are blurred: a weak pull.
 const PULL: f32 = 0.02;
 
 /// Longest step: metres and radians.
 const STEP: [f32; 2] = [0.03, 0.35];
+
+/// A step shorter than this (standard deviations, squared) is the last: a hundredth of what the draw
+/// adds to the pose.
+const SETTLED: f32 = 0.01;
 
 /// Proposals are this much wider than the Laplace approximation (variance): tails that are too thin
 /// make weights wild.
@@ -45,9 +49,13 @@ pub(super) struct Prior<S: Space> {
 }
 
 impl<S: Space> Prior<S> {
+    /// A motion without noise is taken to have 10 µm and 0.006°.
     fn information(&self, axis: usize) -> f32 {
-        let deviation =
-            if axis < S::DIMENSION { self.noise.translation } else { self.noise.rotation };
+        let deviation = if axis < S::DIMENSION {
+            math::max(self.noise.translation, 1e-5)
+        } else {
+            math::max(self.noise.rotation, 1e-4)
+        };
         1.0 / (deviation * deviation)
     }
 
@@ -88,9 +96,9 @@ pub(super) struct Agreement {
     /// Log likelihood.
     pub log: f32,
     /// Contacts that lie on known faces, and those that nothing explains.
-    pub fitting: u16,
+    pub fitting: u32,
     /// See [`Explanation::strange`](super::shape::Explanation).
-    pub strange: u16,
+    pub strange: u32,
 }
 
 /// The likelihood of a grasp: its contacts and where fingers met nothing.
@@ -103,8 +111,8 @@ pub(super) fn agreement<S: Faceted, const FACES: usize>(
     for contact in super::good(grasp) {
         let explained = view.explain(&Felt::at(pose, &contact));
         agreement.log += explained.log;
-        agreement.fitting += u16::from(explained.fits);
-        agreement.strange += u16::from(explained.strange);
+        agreement.fitting += u32::from(explained.fits);
+        agreement.strange += u32::from(explained.strange);
     }
     agreement.log += free::<S, FACES>(view, pose, grasp);
     agreement
@@ -241,6 +249,7 @@ fn climb<S: Faceted, const FACES: usize>(
     start: S::Pose,
 ) -> Option<Peak<S>> {
     let mut pose = start;
+    let mut settled = None;
     for blur in BLUR {
         let (information, right) = normal_equations(view, prior, grasp, &pose, blur);
         let factor = cholesky::<S>(&information)?;
@@ -255,12 +264,15 @@ fn climb<S: Faceted, const FACES: usize>(
         }
         step = step * shorten;
         pose = pose.retract(step);
-        if blur == 0.0 && moved < 1e-3 {
+        if blur == 0.0 && moved < SETTLED {
+            settled = Some(factor);
             break;
         }
     }
-    let (information, _) = normal_equations(view, prior, grasp, &pose, 0.0);
-    let factor = cholesky::<S>(&information)?;
+    let factor = match settled {
+        Some(factor) => factor,
+        None => cholesky::<S>(&normal_equations(view, prior, grasp, &pose, 0.0).0)?,
+    };
     let mut log_root = 0.0;
     for i in 0..S::FREEDOM {
         log_root += math::ln(factor.at(i, i));

@@ -97,7 +97,7 @@ impl<S: Faceted, const FACES: usize> Shape<S, FACES> {
             return 0;
         }
         // The longest ago among those of a single contact: a wild one, as likely as not.
-        let single = self.faces.iter_mut().filter(|f| f.contacts == 1 && f.touched < grasp);
+        let single = self.faces.iter_mut().filter(|f| f.contacts == 1 && f.touched != grasp);
         if let Some(face) = single.min_by_key(|f| f.touched) {
             *face = opened;
         }
@@ -209,10 +209,14 @@ impl<S: Faceted> Plane<S> {
         let mut chi = 0.0;
         let mut determinant = 1.0;
         if let Some(normal) = felt.normal {
-            // The chord |a − n| in the direction of its shadow on the plane, which keeps growing to
-            // half a turn where the sine does not.
+            // The chord |a − n| in the direction of its shadow on the plane: closer to the angle than
+            // the shadow, the sine.
             let cosine = normal.dot(self.face.normal);
-            let stretch = math::sqrt(2.0 / math::max(1.0 + cosine, 0.02));
+            if cosine < 0.0 {
+                residual.log = f32::NEG_INFINITY;
+                return residual;
+            }
+            let stretch = math::sqrt(2.0 / (1.0 + cosine));
             let turned = along::<S>(&self.basis, normal) * stretch;
             residual.normal = turned;
             let mut covariance = self.tilt;
