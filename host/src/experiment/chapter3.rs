@@ -409,14 +409,14 @@ impl std::fmt::Display for Drawn {
         writeln!(f, "  thesis: {}", self.thesis)?;
         writeln!(
             f,
-            "  {:<30}{:<14}{:>9}  {:<20}{:<22}{:<20}{:<20}last °",
+            "  {:<30}{:<14}{:>9}  {:<20}{:<24}{:<22}{:<24}last °",
             "object", "tracker", self.along, "success", "Hausdorff mm", "touched mm", "last mm"
         )?;
         let show = |s: &Option<Spread>| s.map_or("–".to_owned(), |s| s.to_string());
         for line in &self.lines {
             writeln!(
                 f,
-                "  {:<30}{:<14}{:>9}  {:<20}{:<22}{:<20}{:<20}{}",
+                "  {:<30}{:<14}{:>9}  {:<20}{:<24}{:<22}{:<24}{}",
                 line.object,
                 line.tracker,
                 line.at.map_or("–".to_owned(), |at| at.to_string()),

@@ -168,7 +168,7 @@ impl Consistency {
 /// The line above the rows.
 pub fn heading() -> String {
     format!(
-        "  {:<34}{:>6}  {:<16}{:<19}  {:<50}{}\n  {:<76}  {:<19}{:<21}{:<10}{:<19}{:<21}mean",
+        "  {:<34}{:>6}  {:<16}{:<19}  {:<54}{}\n  {:<76}  {:<19}{:<25}{:<10}{:<19}{:<25}mean",
         "object",
         "noise",
         "tracker",
@@ -192,7 +192,7 @@ impl fmt::Display for Row {
         write!(f, "  {object:<34}{noise:>4} %  {tracker:<16}{unimodal:<19}  ")?;
         for c in [&self.since_first, &self.on_map] {
             let spread = c.per_degree.map_or("–".to_owned(), |s| s.to_string());
-            write!(f, "{:<19}{spread:<21}{:<10.2}", c.within.to_string(), c.mean)?;
+            write!(f, "{:<19}{spread:<25}{:<10.2}", c.within.to_string(), c.mean)?;
         }
         Ok(())
     }
