@@ -149,6 +149,15 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
         forward(&self.lower, &self.inverse_diagonal[..n], &mut x[..n]);
     }
 
+    /// x ← L⁻¹ x where the numbers before `row` are zero, and stay so.
+    pub fn forward_from(&self, row: usize, x: &mut [f32]) {
+        for i in row..self.rows.min(x.len()) {
+            let (head, tail) = x.split_at_mut(i);
+            let known = dot(&self.lower[start(i) + row..start(i) + i], &head[row..]);
+            tail[0] = (tail[0] - known) * self.inverse_diagonal[i];
+        }
+    }
+
     /// x ← L⁻ᵀ x over the first `rows()` numbers; a shorter x uses as many rows as it has.
     pub fn backward(&self, x: &mut [f32]) {
         let n = self.rows.min(x.len());
@@ -164,7 +173,13 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
 
     /// ln det(L·Lᵀ)/2 = Σ ln Lᵢᵢ.
     pub fn half_log_determinant(&self) -> f32 {
-        -self.inverse_diagonal[..self.rows].iter().map(|&d| math::ln(d)).sum::<f32>()
+        self.half_log_determinant_since(0)
+    }
+
+    /// Σ ln Lᵢᵢ over the rows from `row` on: ln det/2 of what those rows leave open to the ones before.
+    pub fn half_log_determinant_since(&self, row: usize) -> f32 {
+        let diagonal = self.inverse_diagonal[..self.rows].get(row..).unwrap_or(&[]);
+        -diagonal.iter().map(|&d| math::ln(d)).sum::<f32>()
     }
 }
 

@@ -1,13 +1,17 @@
 //! From grasps to a belief over the object's pose, and the shape it implies.
 
+pub mod automatic;
 pub mod bootstrap;
+pub mod curved;
 pub mod likelihood;
 pub mod modes;
 pub mod motion;
 pub mod observability;
 pub mod particles;
 
+pub use automatic::{Automatic, Evidence, Meant};
 pub use bootstrap::{Bootstrap, Gate, Settings};
+pub use curved::Curved;
 pub use modes::{Mode, Modes, Separation};
 pub use motion::MotionNoise;
 pub use observability::Observability;

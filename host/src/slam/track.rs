@@ -6,7 +6,7 @@ use tactile_core::matrix::Square;
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::surface::cholesky::packed;
 use tactile_core::surface::{Ball, Gpis, Matern32, Prior, Training};
-use tactile_core::track::{Bootstrap, Estimate, MotionNoise, Settings, Status, Tracker};
+use tactile_core::track::{Bootstrap, Curved, Estimate, MotionNoise, Settings, Status, Tracker, curved};
 
 use crate::log::{GraspLog, LoggedGrasp, Noise};
 use crate::slam::deviations;
@@ -28,6 +28,33 @@ type PlanarMap =
     Gpis<Planar, Matern32, Ball<Planar>, CONTACTS, { 3 * CONTACTS }, { packed(3 * CONTACTS) }>;
 type SpatialMap =
     Gpis<Spatial, Matern32, Ball<Spatial>, CONTACTS, { 4 * CONTACTS }, { packed(4 * CONTACTS) }>;
+
+/// Hypotheses of the curved tracker; the grasps and contacts it keeps to revise; and the contacts of its
+/// map, among them those of older grasps that are settled.
+const HYPOTHESES: usize = 12;
+const REVISED: usize = 24;
+const REVISED_CONTACTS: usize = 112;
+const CURVED: usize = 160;
+
+/// A curved object in the plane.
+type PlanarCurved = Curved<
+    Planar,
+    Gpis<Planar, Matern32, Ball<Planar>, CURVED, { 3 * CURVED }, { packed(3 * CURVED) }>,
+    HYPOTHESES,
+    REVISED,
+    REVISED_CONTACTS,
+    { 3 * CURVED },
+>;
+
+/// A curved object in space.
+type SpatialCurved = Curved<
+    Spatial,
+    Gpis<Spatial, Matern32, Ball<Spatial>, CURVED, { 4 * CURVED }, { packed(4 * CURVED) }>,
+    HYPOTHESES,
+    REVISED,
+    REVISED_CONTACTS,
+    { 4 * CURVED },
+>;
 
 /// What is known of the object after one grasp.
 #[derive(Clone, Debug, PartialEq)]
@@ -105,6 +132,8 @@ pub fn six_by_six<S: Bridge>(core: &S::Covariance) -> Matrix6<f64> {
 pub enum Kind {
     /// Bootstrap particle filter over one shared map (thesis 3.3.1, corrected)
     Bootstrap,
+    /// A few trajectories over one Gaussian-process surface, for curved objects
+    Curved,
 }
 
 impl Kind {
@@ -112,6 +141,7 @@ impl Kind {
     pub fn name(self) -> &'static str {
         match self {
             Kind::Bootstrap => "bootstrap",
+            Kind::Curved => "curved",
         }
     }
 
@@ -120,6 +150,7 @@ impl Kind {
     pub fn follow(self, log: &GraspLog, seed: u64) -> Vec<Step> {
         match self {
             Kind::Bootstrap => bootstrap(log, &settings(log, seed)),
+            Kind::Curved => curved(log),
         }
     }
 }
@@ -159,6 +190,34 @@ pub fn bootstrap(log: &GraspLog, settings: &Settings) -> Vec<Step> {
         tracker.configure(*settings);
         follow(&mut *tracker, log)
     }
+}
+
+/// Follows a curved object through the log. Nothing is random.
+fn curved(log: &GraspLog) -> Vec<Step> {
+    let settings =
+        curved::Settings { motion: settings(log, 0).motion, ..curved::Settings::DEFAULT };
+    if log.dimension == 2 {
+        let mut tracker = planar_curved();
+        tracker.configure(settings);
+        follow(&mut *tracker, log)
+    } else {
+        let mut tracker = spatial_curved();
+        tracker.configure(settings);
+        follow(&mut *tracker, log)
+    }
+}
+
+/// A tracker of a few hundred kilobytes, built where it stays.
+fn planar_curved() -> Box<PlanarCurved> {
+    let mut tracker = Box::new(PlanarCurved::new(Gpis::new()));
+    tracker.map_mut().configure(KERNEL, Ball::UNSET, Training::Normals);
+    tracker
+}
+
+fn spatial_curved() -> Box<SpatialCurved> {
+    let mut tracker = Box::new(SpatialCurved::new(Gpis::new()));
+    tracker.map_mut().configure(KERNEL, Ball::UNSET, Training::Normals);
+    tracker
 }
 
 /// The filter's settings for a log: its motion noise where it says, else the thesis' 100 %, and no
