@@ -9,7 +9,8 @@ use serde::Serialize;
 
 use crate::cli::{Error, say};
 use crate::experiment::chapter2::{self, FIGURES};
-use crate::experiment::{Picture, calibration, data, memory, push, shapes, tracking};
+use crate::experiment::tracking::Contender;
+use crate::experiment::{Picture, calibration, chapter3, data, memory, push, shapes, tracking};
 use crate::log::write::write_atomically;
 use crate::quantity::{self, Deviation};
 
@@ -30,50 +31,67 @@ pub struct ReproduceArgs {
     #[arg(long)]
     out: Option<PathBuf>,
     #[command(flatten)]
-    shapes: ShapesArgs,
+    part: PartArgs,
 }
 
-/// What `shapes` alone takes: all of it together runs for hours.
+/// Which part of a comparison to run: all of it together runs for hours.
 #[derive(Debug, PartialEq, Args)]
-#[command(next_help_heading = "Only for shapes")]
-struct ShapesArgs {
+#[command(next_help_heading = "Only for shapes and tracking")]
+struct PartArgs {
     /// Only objects whose name holds this, such as ycb/ or box; or any object as in simulate
     #[arg(long, value_name = "OBJECT")]
     object: Vec<String>,
-    /// Only these numbers of contacts [default: 5 to 60 in the plane, 5 to 200 in space]
-    #[arg(long, value_name = "N", value_delimiter = ',',
-          value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1024))]
-    contacts: Vec<usize>,
-    /// Standard deviations of contact points and normals [default: 1mm,5deg]
-    #[arg(long, value_name = "LENGTH,ANGLE", value_parser = quantity::deviation)]
-    noise: Option<Deviation>,
     /// The first seed [default: 0]
     #[arg(long, value_name = "SEED")]
     first_seed: Option<u64>,
+    /// Of shapes: standard deviations of contact points and normals [default: 1mm,5deg]; of tracking:
+    /// motion noise in percent of 10 mm and 20° (in space 11.5° per axis) [default: 25,50,100]
+    #[arg(long, value_name = "NOISE")]
+    noise: Option<String>,
+    /// Of shapes: only these numbers of contacts [default: 5 to 60 in the plane, 5 to 200 in space]
+    #[arg(long, value_name = "N", value_delimiter = ',',
+          value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1024))]
+    contacts: Vec<usize>,
+    /// Of tracking: only these trackers; oracle (true poses) and odometry (none but the hand's) too
+    #[arg(long, value_name = "TRACKER")]
+    tracker: Vec<Contender>,
+    /// Of tracking: which part of the contacts is wild [default: 0]
+    #[arg(long, value_name = "PART")]
+    outliers: Option<f64>,
+    /// Of tracking: how many in a run [default: 16 in the plane, 20 in space]
+    #[arg(long, value_name = "N")]
+    grasps: Option<usize>,
 }
 
-impl ShapesArgs {
-    /// The first option that was given.
-    fn given(&self) -> Option<&'static str> {
+impl PartArgs {
+    /// The options that were given, each with the experiments that take it.
+    fn given(&self) -> impl Iterator<Item = (&'static str, &'static [&'static str])> {
+        const BOTH: &[&str] = &[SHAPES, TRACKING];
         [
-            ("--object", !self.object.is_empty()),
-            ("--contacts", !self.contacts.is_empty()),
-            ("--noise", self.noise.is_some()),
-            ("--first-seed", self.first_seed.is_some()),
+            ("--object", BOTH, !self.object.is_empty()),
+            ("--first-seed", BOTH, self.first_seed.is_some()),
+            ("--noise", BOTH, self.noise.is_some()),
+            ("--contacts", &[SHAPES], !self.contacts.is_empty()),
+            ("--tracker", &[TRACKING], !self.tracker.is_empty()),
+            ("--outliers", &[TRACKING], self.outliers.is_some()),
+            ("--grasps", &[TRACKING], self.grasps.is_some()),
         ]
         .into_iter()
-        .find_map(|(name, given)| given.then_some(name))
+        .filter_map(|(name, takers, given)| given.then_some((name, takers)))
     }
 }
 
 /// The comparison of all models.
 const SHAPES: &str = "shapes";
 
+/// The comparison of all trackers.
+const TRACKING: &str = "tracking";
+
 /// What is not a figure of chapter 2.
 const OTHERS: [&str; 2] = ["figure-3.12", "push"];
 
 /// Not part of `all`, which would take hours with them.
-const LONG: [&str; 3] = [SHAPES, "calibration", "memory"];
+const LONG: [&str; 4] = [SHAPES, TRACKING, "calibration", "memory"];
 
 fn names() -> Vec<&'static str> {
     let figures = FIGURES.iter().map(|f| f.name);
@@ -121,17 +139,24 @@ fn cannot_write(path: &Path, why: &dyn Display) -> Error {
 /// # Errors
 /// Missing recordings, a folder that cannot be written.
 pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
-    if let Some(option) = args.shapes.given()
-        && args.name != SHAPES
-    {
-        return Err(Error::input(format!("{option}: only shapes takes it, not {}", args.name)));
+    for (option, takers) in args.part.given() {
+        if !takers.contains(&args.name.as_str()) {
+            let verb = if takers.len() == 1 { "takes" } else { "take" };
+            let takers = takers.join(" and ");
+            return Err(Error::input(format!(
+                "{option}: only {takers} {verb} it, not {}",
+                args.name
+            )));
+        }
     }
     // Before anything long is begun.
     if let Some(folder) = &args.out {
         std::fs::create_dir_all(folder).map_err(|e| cannot_write(folder, &e))?;
     }
-    if args.name == SHAPES {
-        return compare(args);
+    match args.name.as_str() {
+        SHAPES => return compare_shapes(args),
+        TRACKING => return compare_trackers(args),
+        _ => (),
     }
     let wanted = |name: &&str| match args.name.as_str() {
         "all" => *name != "all" && !LONG.contains(name),
@@ -155,25 +180,66 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
 }
 
 /// The comparison of all models, row by row as they are done.
-fn compare(args: &ReproduceArgs) -> Result<(), Error> {
-    let ShapesArgs { object, contacts, noise, first_seed } = &args.shapes;
+fn compare_shapes(args: &ReproduceArgs) -> Result<(), Error> {
+    let PartArgs { object, contacts, noise, first_seed, .. } = &args.part;
+    let noise = match noise {
+        Some(text) => {
+            quantity::deviation(text).map_err(|e| Error::input(format!("--noise: {e}")))?
+        }
+        None => Deviation { length: 1e-3, angle: 5f64.to_radians() },
+    };
     let selection = shapes::Selection {
         objects: object.clone(),
         contacts: contacts.clone(),
-        noise: noise.unwrap_or(Deviation { length: 1e-3, angle: 5f64.to_radians() }),
+        noise,
         seeds: args.seeds,
         first_seed: first_seed.unwrap_or(0),
     };
-    if !args.json {
-        eprintln!("{}", shapes::heading());
-    }
-    let progress = |row: &shapes::Row| {
-        if !args.json {
-            eprintln!("{row}");
-        }
-    };
+    tell(args, shapes::heading());
+    let progress = |row: &shapes::Row| tell(args, row);
     let table = shapes::run(data().as_deref(), &selection, progress).map_err(Error::input)?;
-    let outcome = Outcome::new(SHAPES, &table, None)?;
+    conclude(args, &Outcome::new(SHAPES, &table, None)?)
+}
+
+/// The comparison of all trackers, row by row as they are done.
+fn compare_trackers(args: &ReproduceArgs) -> Result<(), Error> {
+    let PartArgs { object, noise, first_seed, tracker, outliers, grasps, .. } = &args.part;
+    let percent = |part: &str| {
+        part.trim()
+            .trim_end_matches('%')
+            .parse()
+            .ok()
+            .filter(|v| (0.0..=1000.0).contains(v))
+            .ok_or_else(|| {
+                Error::input(format!(
+                    "--noise: expected percents such as 25,50,100, found {part:?}"
+                ))
+            })
+    };
+    let noise = noise.iter().flat_map(|text| text.split(',')).map(percent);
+    let selection = tracking::Selection {
+        objects: object.clone(),
+        noise: noise.collect::<Result<_, _>>()?,
+        contenders: tracker.clone(),
+        outliers: outliers.unwrap_or(0.0),
+        grasps: *grasps,
+        seeds: args.seeds,
+        first_seed: first_seed.unwrap_or(0),
+    };
+    tell(args, tracking::heading());
+    let table = tracking::run(&selection, |row| tell(args, row)).map_err(Error::input)?;
+    conclude(args, &Outcome::new(TRACKING, &table, None)?)
+}
+
+/// Says how far a long comparison is to whoever watches.
+fn tell(args: &ReproduceArgs, line: impl Display) {
+    if !args.json {
+        eprintln!("{line}");
+    }
+}
+
+/// Writes and prints what came of a comparison.
+fn conclude(args: &ReproduceArgs, outcome: &Outcome) -> Result<(), Error> {
     if let Some(folder) = &args.out {
         outcome.write(folder)?;
     }
@@ -199,7 +265,7 @@ fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
         return Outcome::new(name, &table, None);
     }
     let table = match name {
-        "figure-3.12" => tracking::run(args.seeds).map_err(Error::failure)?,
+        "figure-3.12" => chapter3::run(args.seeds).map_err(Error::failure)?,
         _ => push::run(data().as_deref()).map_err(Error::input)?,
     };
     Outcome::new(name, &table, None)

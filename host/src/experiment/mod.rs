@@ -3,8 +3,10 @@
 
 pub mod calibration;
 pub mod chapter2;
+pub mod chapter3;
 pub mod memory;
 pub mod model;
+pub mod proportion;
 pub mod push;
 pub mod shapes;
 pub mod touches;
@@ -42,6 +44,16 @@ fn evaluate(
     let provenance =
         Provenance { title: "", tracker, surface, tracking_seconds: 0.0, progress: &|_, _| () };
     conclude(log, truth, steps, provenance).ok().map(|outcome| outcome.report)
+}
+
+/// Runs `work`, its parallel parts on threads with room for a tracker, which is built in place, and
+/// for the runs that a waiting thread takes up meanwhile.
+fn with_room<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    const STACK: usize = 256 << 20;
+    match rayon::ThreadPoolBuilder::new().stack_size(STACK).build() {
+        Ok(pool) => pool.install(work),
+        Err(_) => work(),
+    }
 }
 
 /// A picture that an experiment draws.

@@ -18,6 +18,7 @@ pub mod outline;
 pub mod polytope;
 pub mod superquadric;
 pub mod surface;
+pub mod symmetry;
 
 pub use mesh::Mesh;
 pub use outline::Outline;
@@ -76,6 +77,14 @@ impl Geometry {
         match self {
             Geometry::Outline(o) => Geometry::Outline(o.transformed(pose)),
             Geometry::Mesh(m) => Geometry::Mesh(m.transformed(pose)),
+        }
+    }
+
+    /// The middle of the area or volume inside.
+    pub fn centroid(&self) -> Point {
+        match self {
+            Geometry::Outline(o) => o.centroid(),
+            Geometry::Mesh(m) => m.centroid(),
         }
     }
 

@@ -12,6 +12,7 @@ use crate::space::Point;
 /// What exists, for help and error messages.
 pub const KINDS: &str = "rectangle:WxH, triangle:R, hexagon:R, ngon:N,R (R the circumradius), \
     ellipse:AxB, lshape:WxHxT or tshape:WxHxT (arms T wide; WxHxTxZ a prism), polygon:FILE, \
+    corners:XxY,XxY,… (convex, counter-clockwise), prism:Z,OBJECT (a convex planar object Z tall), \
     box:XxYxZ, cylinder:DxH, sphere:D, ellipsoid:AxBxC, or a mesh file (.ply, .stl, .obj, .off)";
 
 /// The greatest number of corners of a polygon.
@@ -50,6 +51,15 @@ pub enum ObjectSpec {
     Arms(Arms),
     /// `polygon:FILE`, see [`read_outline`]; moved to its centroid.
     Polygon(PathBuf),
+    /// `corners:XxY,XxY,…`, a convex polygon counter-clockwise; moved to its centroid.
+    Corners(Vec<[f64; 2]>),
+    /// `prism:Z,OBJECT`: a convex planar object swept along z.
+    Prism {
+        /// Rectangle, regular polygon, ellipse or corners.
+        base: Box<ObjectSpec>,
+        /// Along z.
+        height: f64,
+    },
     /// `box:XxYxZ`.
     Cuboid([f64; 3]),
     /// `cylinder:DxH`, standing on z.
@@ -150,6 +160,20 @@ impl FromStr for ObjectSpec {
             "ellipse" => ObjectSpec::Ellipse(lengths(text, kind, size, "AxB")?),
             "lshape" | "tshape" => ObjectSpec::Arms(arms(text, kind, size)?),
             "polygon" => ObjectSpec::Polygon(file("polygon:FILE")?),
+            "corners" => ObjectSpec::Corners(corners(text, size)?),
+            "prism" => {
+                let (height, base) = size.split_once(',').unwrap_or((size, ""));
+                let [height] = lengths(text, "prism:OBJECT,", height, "Z")?;
+                let base: ObjectSpec = base.parse()?;
+                if !base.is_convex_outline() {
+                    return Err(malformed(
+                        text,
+                        "prism:Z,OBJECT with a convex planar object",
+                        base,
+                    ));
+                }
+                ObjectSpec::Prism { base: Box::new(base), height }
+            }
             "box" => ObjectSpec::Cuboid(lengths(text, kind, size, "XxYxZ")?),
             "cylinder" => {
                 let [diameter, height] = lengths(text, kind, size, "DxH")?;
@@ -171,8 +195,8 @@ impl FromStr for ObjectSpec {
     }
 }
 
-fn malformed(text: &str, expected: impl Into<String>, found: impl Into<String>) -> ObjectError {
-    ObjectError::Size { text: text.into(), expected: expected.into(), found: found.into() }
+fn malformed(text: &str, expected: impl Into<String>, found: impl ToString) -> ObjectError {
+    ObjectError::Size { text: text.into(), expected: expected.into(), found: found.to_string() }
 }
 
 /// `N` lengths separated by `x`.
@@ -199,6 +223,34 @@ fn lengths<const N: usize>(
         }
     }
     Ok(values)
+}
+
+/// `XxY,XxY,…`: at least three, convex, counter-clockwise.
+fn corners(text: &str, size: &str) -> Result<Vec<[f64; 2]>, ObjectError> {
+    let expected =
+        "corners:XxY,XxY,… with at least 3 corners of a convex polygon, counter-clockwise";
+    let one = |pair: &str| {
+        let (x, y) = pair.split_once('x')?;
+        let read = |part: &str| quantity::coordinate(part).ok().filter(|v| v.abs() <= *SIZES.end());
+        Some([read(x)?, read(y)?])
+    };
+    let mut corners = Vec::new();
+    for pair in size.split(',') {
+        corners.push(one(pair.trim()).ok_or_else(|| malformed(text, expected, pair))?);
+    }
+    let count = corners.len();
+    let turns_left = |i: usize| {
+        let [a, b, c] = [i, i + 1, i + 2].map(|k| corners[k % count]);
+        (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]) > 0.0
+    };
+    let area = Outline { loops: vec![corners.clone()] }.area();
+    if !(3..=MOST_CORNERS).contains(&count)
+        || !(0..count).all(turns_left)
+        || area < SIZES.start().powi(2)
+    {
+        return Err(malformed(text, expected, size));
+    }
+    Ok(corners)
 }
 
 /// `WxHxT` or `WxHxTxZ`.
@@ -231,6 +283,11 @@ impl std::fmt::Display for ObjectSpec {
                 height.map_or(Ok(()), |z| write!(f, "x{z}"))
             }
             ObjectSpec::Polygon(file) => write!(f, "polygon:{}", file.display()),
+            ObjectSpec::Corners(corners) => {
+                let each: Vec<String> = corners.iter().map(|[x, y]| format!("{x}x{y}")).collect();
+                write!(f, "corners:{}", each.join(","))
+            }
+            ObjectSpec::Prism { base, height } => write!(f, "prism:{height},{base}"),
             ObjectSpec::Cuboid([x, y, z]) => write!(f, "box:{x}x{y}x{z}"),
             ObjectSpec::Cylinder { diameter, height } => write!(f, "cylinder:{diameter}x{height}"),
             ObjectSpec::Sphere(d) => write!(f, "sphere:{d}"),
@@ -248,9 +305,21 @@ impl ObjectSpec {
             | ObjectSpec::Ngon { .. }
             | ObjectSpec::Ellipse(_)
             | ObjectSpec::Arms(Arms { height: None, .. })
-            | ObjectSpec::Polygon(_) => 2,
+            | ObjectSpec::Polygon(_)
+            | ObjectSpec::Corners(_) => 2,
             _ => 3,
         }
+    }
+
+    /// Whether it is planar and convex by its kind.
+    fn is_convex_outline(&self) -> bool {
+        matches!(
+            self,
+            ObjectSpec::Rectangle(_)
+                | ObjectSpec::Ngon { .. }
+                | ObjectSpec::Ellipse(_)
+                | ObjectSpec::Corners(_)
+        )
     }
 
     /// The shape in the object frame: its centroid at the origin, but a mesh file as it is. Curved
@@ -282,9 +351,15 @@ impl ObjectSpec {
                     let found = read.loops.len();
                     return Err(ObjectError::OnePolygon { file: file.clone(), found });
                 };
-                let c = read.centroid();
-                outline(vertices.iter().map(|v| [v[0] - c.x, v[1] - c.y]).collect())?
+                centred(vertices)?
             }
+            ObjectSpec::Corners(corners) => centred(corners)?,
+            ObjectSpec::Prism { base, height } => match base.geometry()? {
+                Geometry::Outline(Outline { loops }) => {
+                    prism(loops.first().map_or(&[], Vec::as_slice), [0.0; 2], *height)?
+                }
+                solid => solid,
+            },
             ObjectSpec::Cuboid([x, y, z]) => {
                 let corners = [[-x, -y], [*x, -y], [*x, *y], [-x, *y]];
                 prism(&corners.map(|[x, y]| [x / 2.0, y / 2.0]), [0.0; 2], *z)?
@@ -308,6 +383,12 @@ impl ObjectSpec {
 
 fn outline(vertices: Vec<[f64; 2]>) -> Result<Geometry, ObjectError> {
     Ok(Geometry::Outline(Outline::new(vec![vertices])?))
+}
+
+/// The polygon moved to its centroid.
+fn centred(vertices: &[[f64; 2]]) -> Result<Geometry, ObjectError> {
+    let c = Outline { loops: vec![vertices.to_vec()] }.centroid();
+    outline(vertices.iter().map(|v| [v[0] - c.x, v[1] - c.y]).collect())
 }
 
 /// `count` points counter-clockwise around an ellipse of these half axes.
@@ -416,6 +497,8 @@ mod tests {
             "tshape:0.09x0.08x0.03",
             "lshape:0.09x0.08x0.03x0.05",
             "polygon:a.csv",
+            "corners:-0.05x-0.03,0.045x-0.035,0.055x0.02,-0.03x0.04",
+            "prism:0.06,hexagon:0.045",
             "box:0.12x0.06x0.05",
             "cylinder:0.06x0.1",
             "sphere:0.08",
@@ -446,6 +529,13 @@ mod tests {
             ("lshape:0.1x0.1", "expected lshape:WxHxT or WxHxTxZ, found 2 lengths"),
             ("tshape:0.1x0.1x0.1", "expected arms T narrower than W and H"),
             ("polygon:", "expected polygon:FILE, found no file"),
+            ("corners:0x0,1x0", "at least 3 corners"),
+            ("corners:0x0,0x0.1,0.1x0", "counter-clockwise"),
+            ("corners:0x0,0.1x0,0.01x0.01,0x0.1", "convex"),
+            ("corners:0x0,0.1x0,nanx0.1", "found nanx0.1"),
+            ("prism:0.06,lshape:0.1x0.1x0.03", "with a convex planar object"),
+            ("prism:0.06,prism:0.06,hexagon:0.045", "with a convex planar object"),
+            ("prism:0.06", "unknown object"),
         ] {
             let error = text.parse::<ObjectSpec>().unwrap_err().to_string();
             assert!(error.contains(expected), "{text:?}: {error}");
@@ -486,6 +576,7 @@ mod tests {
             ("cylinder:0.1x0.12", PI * 0.0025 * 0.12),
             ("lshape:0.09x0.08x0.03x0.05", 0.03 * 0.14 * 0.05),
             ("tshape:0.09x0.08x0.03x0.05", 0.03 * 0.14 * 0.05),
+            ("prism:0.05,corners:-0.03x-0.02,0.06x-0.02,-0.03x0.045", 0.09 * 0.065 / 2.0 * 0.05),
             ("sphere:0.1", PI / 6.0 * 1e-3),
             ("ellipsoid:0.12x0.08x0.06", PI / 6.0 * 0.12 * 0.08 * 0.06),
         ];

@@ -92,7 +92,7 @@ impl<'a> Hand<'a> {
             2 => Point::new(0.0, 0.0, random.around_zero(PI)),
             _ => Point::from([0.3, 0.3, 3.0].map(|reach| random.around_zero(reach))),
         };
-        let centre = centroid(geometry);
+        let centre = geometry.centroid();
         let (low, high) = geometry.bounds();
         Hand {
             touch: options.touch,
@@ -217,14 +217,6 @@ fn edges(loops: &[Vec<[f64; 2]>]) -> impl Iterator<Item = (Point, Point)> + '_ {
     loops
         .iter()
         .flat_map(move |l| (0..l.len()).map(move |i| (point(l[i]), point(l[(i + 1) % l.len()]))))
-}
-
-/// The middle of the shape, object frame.
-pub(super) fn centroid(geometry: &Geometry) -> Point {
-    match geometry {
-        Geometry::Outline(o) => o.centroid(),
-        Geometry::Mesh(m) => m.centroid(),
-    }
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use nalgebra::{Point3, Translation3, UnitQuaternion};
 
 use super::objects::{ObjectError, ObjectSpec};
 use super::random::Random;
-use super::touch::{FINGERS, Hand, Touch, centroid};
+use super::touch::{FINGERS, Hand, Touch};
 use crate::log::write::write_atomically;
 use crate::log::{GraspLog, LogError, LoggedContact, LoggedGrasp, MAX_CONTACTS, Noise, TrueShape};
 use crate::quantity::Deviation;
@@ -135,7 +135,7 @@ pub fn simulate(options: &Options) -> Result<Simulation, SimError> {
     check(options)?;
     let geometry = options.object.geometry()?;
     let dimension = geometry.dimension();
-    let centre = centroid(&geometry);
+    let centre = geometry.centroid();
     let [mut slips, mut hands, mut noise, mut wild] = Random::streams(options.seed);
 
     let shift = uniform3(dimension, FIRST_OFFSET, &mut slips);

@@ -1,0 +1,127 @@
+use super::judge::{gauge, offsets};
+use super::*;
+use crate::sim::Simulation;
+use crate::slam::track::Step;
+use crate::space::planar;
+use tactile_core::track::Status;
+
+fn simulation(object: &str, seed: u64) -> Simulation {
+    let options = Options { seed, ..Options::new(object.parse().unwrap()) };
+    simulate(&options).unwrap()
+}
+
+/// The true poses in a frame that lies elsewhere.
+fn displaced(log: &GraspLog, frame: &Pose) -> Vec<Step> {
+    log.grasps.iter().map(|g| Step::certain(g.truth.unwrap() * frame)).collect()
+}
+
+#[test]
+fn the_frame_a_tracker_chose_is_no_error() {
+    for (object, frame) in [
+        ("rectangle:0.10x0.06", planar(0.02, -0.01, 2.0)),
+        ("box:0.12x0.06x0.06", Pose::new([0.01, 0.02, -0.03].into(), [1.0, 0.5, -2.0].into())),
+    ] {
+        let Simulation { log, geometry, .. } = simulation(object, 3);
+        let truth = Truth::new(geometry);
+        let steps = displaced(&log, &frame);
+        let gauge = gauge(&log, &steps, &truth.geometry).unwrap();
+        for o in offsets(&log, &steps, &truth, &gauge) {
+            // Contacts have 1 mm and 5° of noise, and there are 80.
+            assert!(o.translation < 1e-3 && o.rotation < 0.02, "{object}: {o:?}");
+        }
+    }
+}
+
+#[test]
+fn a_symmetric_turn_is_no_error_and_another_is() {
+    let Simulation { log, geometry, .. } = simulation("hexagon:0.045", 1);
+    let truth = Truth::new(geometry);
+    let mut steps = displaced(&log, &planar(0.0, 0.0, 0.0));
+    let last = steps.len() - 1;
+    let turned =
+        |degrees: f64| log.grasps[last].truth.unwrap() * planar(0.0, 0.0, degrees.to_radians());
+    steps[last].pose = turned(60.0);
+    let same = judge(&log, &steps, &truth).unwrap();
+    assert!(same.last.rotation.to_degrees() < 1.5 && same.is_success(), "{same:?}");
+    steps[last].pose = turned(25.0);
+    let other = judge(&log, &steps, &truth).unwrap();
+    assert!((other.last.rotation.to_degrees() - 25.0).abs() < 3.0, "{other:?}");
+    assert!(!other.is_success());
+}
+
+#[test]
+fn what_was_learnt_since_the_first_grasp_is_judged_against_the_map() {
+    // All poses but the first agree: the frame is theirs, the first is wrong.
+    let Simulation { log, geometry, .. } = simulation("rectangle:0.10x0.06", 2);
+    let truth = Truth::new(geometry);
+    let mut steps = displaced(&log, &planar(0.005, 0.0, 0.2));
+    steps[0].pose = log.grasps[0].truth.unwrap();
+    let judged = judge(&log, &steps, &truth).unwrap();
+    assert!(judged.last.translation < 1.5e-3 && judged.last.rotation < 0.03, "{judged:?}");
+    assert!(judged.rms.rotation > 0.04, "{judged:?}");
+    steps[1].status = Status::Lost;
+    assert_eq!(judge(&log, &steps, &truth).unwrap().lost, 1);
+}
+
+#[test]
+fn wild_contacts_do_not_count_but_misplaced_ones_do() {
+    let options = Options { outliers: 0.1, ..Options::new("rectangle:0.10x0.06".parse().unwrap()) };
+    let Simulation { log, geometry, .. } = simulate(&options).unwrap();
+    let truth = Truth::new(geometry);
+    let right = judge(&log, &displaced(&log, &Pose::identity()), &truth).unwrap();
+    assert!(right.contacts < 1.5e-3, "{right:?}");
+    let mut steps = displaced(&log, &Pose::identity());
+    steps[5].pose = planar(0.03, 0.0, 0.0) * steps[5].pose;
+    let wrong = judge(&log, &steps, &truth).unwrap();
+    assert!(wrong.contacts > 2.0 * right.contacts, "{wrong:?}");
+}
+
+#[test]
+fn without_truth_there_is_no_judgement() {
+    let Simulation { mut log, geometry, .. } = simulation("triangle:0.06", 0);
+    let steps = displaced(&log, &Pose::identity());
+    let truth = Truth::new(geometry);
+    for grasp in &mut log.grasps {
+        grasp.truth = None;
+    }
+    assert_eq!(judge(&log, &steps, &truth), None);
+    assert_eq!(judge(&log, &[], &truth), None);
+}
+
+#[test]
+fn dead_reckoning_drifts_and_the_oracle_does_not() {
+    let selection = Selection {
+        objects: vec!["triangle".into()],
+        noise: vec![100.0],
+        contenders: vec![Contender::Oracle, Contender::Odometry],
+        outliers: 0.0,
+        grasps: None,
+        seeds: 3,
+        first_seed: 5,
+    };
+    let mut told = Vec::new();
+    let table = run(&selection, |row| told.push(row.clone())).unwrap();
+    assert_eq!(told, table.rows);
+    let [oracle, odometry] = &table.rows[..] else { panic!("{table}") };
+    assert_eq!(oracle.object, "triangle:0.06");
+    assert_eq!(oracle.success, Proportion { successes: 3, of: 3 });
+    assert!(oracle.contacts_mm.unwrap().median < 1.5);
+    assert!(odometry.success.successes < 3 && odometry.last_deg.unwrap().median > 5.0);
+    assert!(oracle.milliseconds.is_none());
+}
+
+#[test]
+fn names_choose_objects_and_contenders() {
+    let names = |wanted: &[&str]| -> Vec<String> {
+        let wanted: Vec<String> = wanted.iter().map(|w| w.to_string()).collect();
+        objects(&wanted).unwrap().iter().map(ObjectSpec::to_string).collect()
+    };
+    assert_eq!(names(&[]).len(), OBJECTS.len());
+    assert_eq!(names(&["cylinder", "ngon:5,0.05"]), ["cylinder:0.06x0.1", "ngon:5,0.05"]);
+    assert!(objects(&["cube".into()]).is_err());
+    for contender in Contender::all() {
+        assert_eq!(contender.name().parse(), Ok(contender));
+    }
+    let error = "best".parse::<Contender>().unwrap_err().to_string();
+    assert!(error.contains("\"best\"") && error.contains("oracle, odometry, bootstrap"), "{error}");
+}
