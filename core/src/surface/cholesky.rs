@@ -201,18 +201,20 @@ fn forward(lower: &[f32], inverse_diagonal: &[f32], x: &mut [f32]) {
         let l2 = &lower[start(i + 2)..start(i + 2) + i + 3];
         let l3 = &lower[start(i + 3)..start(i + 3) + i + 4];
         let (a0, a1, a2, a3) = (&l0[..i], &l1[..i], &l2[..i], &l3[..i]);
-        let (mut s0, mut s1, mut s2, mut s3) = (0.0f32, 0.0f32, 0.0f32, 0.0f32);
+        // Four partial sums a row: sixteen in flight, or four vectors.
+        let mut sums = [[0.0f32; 4]; 4];
         // i is a multiple of four, and so nothing is left over.
         let blocks = a0.as_chunks::<4>().0.iter().zip(a1.as_chunks::<4>().0);
         let blocks = blocks.zip(a2.as_chunks::<4>().0).zip(a3.as_chunks::<4>().0);
         for ((((l0, l1), l2), l3), v) in blocks.zip(done.as_chunks::<4>().0) {
             for j in 0..4 {
-                s0 += l0[j] * v[j];
-                s1 += l1[j] * v[j];
-                s2 += l2[j] * v[j];
-                s3 += l3[j] * v[j];
+                sums[0][j] += l0[j] * v[j];
+                sums[1][j] += l1[j] * v[j];
+                sums[2][j] += l2[j] * v[j];
+                sums[3][j] += l3[j] * v[j];
             }
         }
+        let [s0, s1, s2, s3] = sums.map(|[a, b, c, d]| (a + b) + (c + d));
         let d = &inverse_diagonal[i..i + 4];
         let y0 = (todo[0] - s0) * d[0];
         let y1 = (todo[1] - s1 - l1[i] * y0) * d[1];

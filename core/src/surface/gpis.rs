@@ -592,6 +592,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     }
 
     fn clear(&mut self) {
+        self.kernel = self.given;
         (self.count, self.enclosing) = (0, 0);
         self.factor.truncate(0);
         self.condensed = false;

@@ -35,6 +35,10 @@ pub trait Kernel: Copy + Send + Sync + 'static {
     /// its numbers were multiples of `unit` metres.
     fn scaled(&self, unit: f32) -> Self;
 
+    /// The same kernel with the amplitude this many times as large: how far the surface strays from its
+    /// prior mean.
+    fn rougher(&self, factor: f32) -> Self;
+
     /// How badly functions of this kernel interpolate. A point x that is the mean of random points X
     /// with E|X − x|² ≤ `spread`² (metres) has |E f(X) − f(x)| ≤ value·‖f‖ and
     /// |E ∇f(X) − ∇f(x)| ≤ gradient·‖f‖, with ‖f‖ the norm in the kernel's space.
@@ -88,6 +92,7 @@ impl Kernel for SquaredExponential {
         self.amplitude * self.amplitude * math::exp(-0.5 * r2 * w)
     }
 
+    #[inline(always)]
     fn third(&self, r2: f32) -> f32 {
         -self.radial(r2).b / (self.lengthscale * self.lengthscale)
     }
@@ -97,6 +102,10 @@ impl Kernel for SquaredExponential {
             amplitude: self.amplitude * unit,
             lengthscale: self.lengthscale * unit,
         }
+    }
+
+    fn rougher(&self, factor: f32) -> Self {
+        SquaredExponential { amplitude: self.amplitude * factor, ..*self }
     }
 
     #[inline(always)]
@@ -144,6 +153,7 @@ impl Kernel for Matern32 {
         self.radial(r2).k
     }
 
+    #[inline(always)]
     fn third(&self, r2: f32) -> f32 {
         let r2 = math::max(r2, NEAR);
         let u = SQRT_3 / self.lengthscale * math::sqrt(r2);
@@ -152,6 +162,10 @@ impl Kernel for Matern32 {
 
     fn scaled(&self, unit: f32) -> Self {
         Matern32 { amplitude: self.amplitude * unit, lengthscale: self.lengthscale * unit }
+    }
+
+    fn rougher(&self, factor: f32) -> Self {
+        Matern32 { amplitude: self.amplitude * factor, ..*self }
     }
 
     #[inline(always)]
@@ -207,6 +221,7 @@ impl Kernel for ThinPlate {
         self.amplitude * self.amplitude + scale * (r2 * (2.0 * r - 3.0 * self.range))
     }
 
+    #[inline(always)]
     fn third(&self, r2: f32) -> f32 {
         let r2 = math::max(r2, NEAR);
         -self.radial(r2).b / r2
@@ -214,6 +229,10 @@ impl Kernel for ThinPlate {
 
     fn scaled(&self, unit: f32) -> Self {
         ThinPlate { amplitude: self.amplitude * unit, range: self.range * unit }
+    }
+
+    fn rougher(&self, factor: f32) -> Self {
+        ThinPlate { amplitude: self.amplitude * factor, ..*self }
     }
 
     #[inline(always)]

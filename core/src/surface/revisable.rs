@@ -15,7 +15,7 @@
 
 use crate::contact::Contact;
 use crate::space::Space;
-use crate::surface::Map;
+use crate::surface::{Map, Probe};
 
 /// What the pose does to the rows of one contact (value, then slopes), see the module.
 #[derive(Clone, Copy, Debug)]
@@ -52,6 +52,10 @@ pub trait Revisable<S: Space>: Map<S> {
     /// Takes back all contacts appended after there were this many rows.
     fn withdraw(&mut self, rows: usize);
 
+    /// Forgets every contact and goes on with the configured kernel made rougher by this factor
+    /// ([`Kernel::rougher`](crate::surface::Kernel::rougher)); [`Map::clear`] sets it back to one.
+    fn roughen(&mut self, factor: f32);
+
     /// [`Map::insert`] that keeps room for as many contacts more: for good, the surface may hand what
     /// it says to others. Nothing appended may be there.
     fn settle(&mut self, contact: &Contact<S>, room: usize);
@@ -73,4 +77,8 @@ pub trait Revisable<S: Space>: Map<S> {
 
     /// ∇f at `point` and its slopes.
     fn bend(&self, point: S::Vector) -> Bend<S>;
+
+    /// [`Surface::probe`](crate::surface::Surface::probe) and [`bend`](Self::bend) in one pass over the
+    /// contacts.
+    fn sense(&self, point: S::Vector) -> (Probe<S>, Bend<S>);
 }

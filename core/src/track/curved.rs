@@ -59,7 +59,7 @@ impl Settings {
         motion: MotionNoise::THESIS,
         unknown: MotionNoise { translation: 0.05, rotation: 1.0 },
         prune: 10.0,
-        rounds: 2,
+        rounds: 3,
     };
 }
 
@@ -92,6 +92,9 @@ pub struct Curved<
     base: S::Covariance,
     based: bool,
     started: bool,
+    /// Factor on the kernel's amplitude, and whether a greater one is tried next.
+    roughness: f32,
+    rougher: bool,
     grasps: u32,
     /// Cumulative log density of the grasps, nats.
     evidence: f32,
@@ -104,10 +107,24 @@ const COPY: Separation = Separation { translation: 0.002, rotation: 0.035 };
 const AMBIGUOUS: f32 = 0.2;
 
 /// Candidates this many nats below the best are not looked at closely.
-const HOPELESS: f32 = 15.0;
+const HOPELESS: f32 = 12.0;
 
-/// Smoothing steps below this (in millimetres and hundredths of a radian) end the rounds.
-const STILL: f32 = 0.3;
+/// Poses that lie within this of where everything was made linear (in millimetres and hundredths of a
+/// radian) leave it so.
+const STILL: f32 = 1.0;
+
+/// Factor on the kernel's amplitude in the beginning, and what its logarithm usually departs from that.
+const USUAL_ROUGHNESS: f32 = 0.5;
+const ROUGHNESS_DEVIATION: f32 = 0.7;
+
+/// Factor between two amplitudes that are compared.
+const ROUGHNESS_STEP: f32 = 1.4;
+
+/// Fewer contacts say nothing about the amplitude.
+const LEAST_CONTACTS: usize = 8;
+
+/// Contacts whose fit is looked at again in one round.
+const DOUBTED: usize = 24;
 
 impl<
     S: Space,
@@ -143,6 +160,8 @@ impl<
             base: S::Covariance::ZERO,
             based: false,
             started: false,
+            roughness: 0.0,
+            rougher: false,
             grasps: 0,
             evidence: 0.0,
         }
@@ -159,6 +178,8 @@ impl<
         self.base = S::Covariance::ZERO;
         (self.based, self.started) = (false, false);
         (self.grasps, self.evidence) = (0, 0.0);
+        (self.roughness, self.rougher) = (USUAL_ROUGHNESS, false);
+        self.map.roughen(self.roughness);
     }
 
     /// The shape so far, as the best hypothesis has it.
@@ -192,15 +213,13 @@ impl<
         let dropped = self.memory.push(self.grasps, none, grasp);
         let first = &mut self.hypotheses[0];
         let pose = S::Pose::from_translation(centroid);
-        (first.poses[0], first.base) = (pose, pose);
+        (first.poses[0], first.about[0], first.base) = (pose, pose, pose);
         (first.covariance, first.evidence, first.weight) = (S::Covariance::ZERO, 0.0, 1.0);
         for (belief, touch) in first.beliefs.iter_mut().zip(self.memory.touches()) {
             // Nothing depends on it: this pose has no error.
             let gradient = touch.direction().unwrap_or(S::Vector::ZERO);
-            *belief = Belief::new(crate::surface::Bend {
-                gradient,
-                curvature: [S::Vector::ZERO; 3],
-            });
+            *belief =
+                Belief::new(crate::surface::Bend { gradient, curvature: [S::Vector::ZERO; 3] });
         }
         self.count = 1;
         self.started = true;
@@ -218,7 +237,14 @@ impl<
         let base = self.base();
         let hypothesis = &self.hypotheses[index];
         let memory = &self.memory;
-        self.trajectory.place(&mut self.map, self.settled, base.as_ref(), memory, hypothesis, grasps);
+        self.trajectory.place(
+            &mut self.map,
+            self.settled,
+            base.as_ref(),
+            memory,
+            hypothesis,
+            grasps,
+        );
     }
 
     /// One grasp more of it.
@@ -226,7 +252,14 @@ impl<
         let base = self.base();
         let hypothesis = &self.hypotheses[index];
         let memory = &self.memory;
-        self.trajectory.append(&mut self.map, self.settled, base.as_ref(), memory, hypothesis, grasp);
+        self.trajectory.append(
+            &mut self.map,
+            self.settled,
+            base.as_ref(),
+            memory,
+            hypothesis,
+            grasp,
+        );
     }
 
     /// Takes back its grasps from this one on.
@@ -252,9 +285,14 @@ impl<
         let most = &self.settings.unknown;
         let drift = &mut self.pending.drift;
         // Beyond twice what unknown motion allows, all places are alike.
-        let most_shift = math::max(4.0 * most.translation * most.translation, noise.translation * noise.translation);
-        let most_turn = math::max(4.0 * most.rotation * most.rotation, noise.rotation * noise.rotation);
-        drift.translation = math::min(drift.translation + noise.translation * noise.translation, most_shift);
+        let most_shift = math::max(
+            4.0 * most.translation * most.translation,
+            noise.translation * noise.translation,
+        );
+        let most_turn =
+            math::max(4.0 * most.rotation * most.rotation, noise.rotation * noise.rotation);
+        drift.translation =
+            math::min(drift.translation + noise.translation * noise.translation, most_shift);
         drift.rotation = math::min(drift.rotation + noise.rotation * noise.rotation, most_turn);
     }
 
@@ -290,7 +328,7 @@ impl<
         }
         self.map.withdraw(self.settled);
         let best = &self.hypotheses[0];
-        let pose = best.poses[0];
+        let pose = best.about[0];
         for index in oldest.touches() {
             let (touch, belief) = (&self.memory.touches()[index], &best.beliefs[index]);
             let contact = trajectory::scaled(touch, belief).seen_from(&pose);
@@ -300,8 +338,9 @@ impl<
         let gone = self.memory.forget_oldest();
         (self.base, self.based) = (covariance, true);
         for hypothesis in &mut self.hypotheses[..self.count] {
-            hypothesis.base = hypothesis.poses[0];
+            hypothesis.base = hypothesis.about[0];
             hypothesis.poses.copy_within(1.., 0);
+            hypothesis.about.copy_within(1.., 0);
             hypothesis.beliefs.copy_within(gone.., 0);
         }
         self.lay(0);
@@ -345,7 +384,8 @@ impl<
     /// Centroid of a hypothesis' contacts before grasp `new`, object frame.
     fn middle(&self, parent: usize, new: usize) -> S::Vector {
         let (mut sum, mut count) = (S::Vector::ZERO, 0.0);
-        for (grasp, pose) in self.memory.grasps()[..new].iter().zip(&self.hypotheses[parent].poses) {
+        for (grasp, pose) in self.memory.grasps()[..new].iter().zip(&self.hypotheses[parent].poses)
+        {
             for touch in &self.memory.touches()[grasp.touches()] {
                 sum += pose.untransform(touch.point);
                 count += 1.0;
@@ -359,12 +399,10 @@ impl<
     fn bear(&mut self, parent: usize, new: usize, candidate: &Candidate<S>) -> f32 {
         let contacts = self.memory.grasps()[new].touches();
         let rows = self.map.rows();
-        let mut unmeasured = 0.0;
-        self.hypotheses[parent].poses[new] = candidate.pose;
+        self.hypotheses[parent].about[new] = candidate.pose;
         for index in contacts.clone() {
             let contact = self.memory.touches()[index].seen_from(&candidate.pose);
             self.hypotheses[parent].beliefs[index] = Belief::new(self.map.bend(contact.point));
-            unmeasured += steepness::<S>(&self.map, &contact);
         }
         self.lay_next(parent, new);
         let mut gained = self.map.log_density_since(rows);
@@ -383,12 +421,17 @@ impl<
         {
             self.children[slot] = self.hypotheses[parent];
             let child = &mut self.children[slot];
-            child.evidence = evidence;
+            (child.evidence, child.parent) = (evidence, parent as u16);
             self.trajectory.settle(&self.map, self.settled, &self.memory, child);
-            self.trajectory.consult(&self.map, &self.memory, child);
         }
         self.lift(new);
-        gained - unmeasured
+        let contacts = self.memory.grasps()[new].touches();
+        let (touches, beliefs) = (self.memory.touches(), &self.hypotheses[parent].beliefs);
+        let unmeasured = |index: usize| {
+            let touch = trajectory::scaled(&touches[index], &beliefs[index]);
+            steepness::<S>(&self.map, &touch.seen_from(&candidate.pose))
+        };
+        gained - contacts.map(unmeasured).sum::<f32>()
     }
 
     /// The place for a child of this evidence: a free one, or that of the worst if it is worse.
@@ -408,14 +451,60 @@ impl<
 
     /// Children become hypotheses: smoothed, weighed, sorted, without copies and the improbable.
     fn grow(&mut self) {
+        let laid = self.count.saturating_sub(1);
         core::mem::swap(&mut self.hypotheses, &mut self.children);
         self.count = self.born;
         self.choose();
+        if self.count == 1 && usize::from(self.hypotheses[0].parent) == laid {
+            // Its parent is laid still.
+            self.lay_next(0, self.memory.grasps().len().saturating_sub(1));
+            self.map.refit();
+            self.smooth(0);
+            self.temper();
+            return;
+        }
         for index in (0..self.count).rev() {
+            self.lay(index);
             self.smooth(index);
         }
         self.choose();
+        if self.count > 1 {
+            self.lay(0);
+        }
+        self.temper();
+    }
+
+    /// How far the object departs from the prior mean is learnt too: a step up or down in amplitude is kept
+    /// where it makes the contacts likelier (empirical Bayes, with what suits most objects as
+    /// the prior), until the first contacts settle.
+    fn temper(&mut self) {
+        let (grasps, contacts) = (self.memory.grasps().len(), self.memory.touches().len());
+        let due = grasps <= 6 || grasps.is_multiple_of(3);
+        if self.settled > 0 || contacts < LEAST_CONTACTS || !due {
+            return;
+        }
+        let known = self.hypotheses[0].evidence + usual(self.roughness);
+        let step = if self.rougher { ROUGHNESS_STEP } else { 1.0 / ROUGHNESS_STEP };
+        let trial = self.roughness * step;
+        self.map.roughen(trial);
         self.lay(0);
+        let likelihood = self.map.log_density_since(0) + self.hypotheses[0].price(0..contacts);
+        if !(likelihood + usual(trial) > known) {
+            self.rougher = !self.rougher;
+            self.map.roughen(self.roughness);
+            self.lay(0);
+            return;
+        }
+        self.roughness = trial;
+        for index in (0..self.count).rev() {
+            self.lay(index);
+            self.smooth(index);
+        }
+        self.order();
+        self.weigh();
+        if self.count > 1 {
+            self.lay(0);
+        }
     }
 
     /// Sorts and weighs, drops copies and the improbable.
@@ -425,22 +514,21 @@ impl<
         self.weigh();
     }
 
-    /// Rounds of smoothing of one hypothesis, which is laid afterwards.
+    /// Rounds of smoothing of a hypothesis that is laid, and is still afterwards: poses move, and where they
+    /// move far everything is made linear anew (Kaess et al. 2012, "iSAM2").
     fn smooth(&mut self, index: usize) {
+        let settled = self.settled;
         for round in 0..=self.settings.rounds {
-            self.lay(index);
-            if round == self.settings.rounds {
-                break;
-            }
             let hypothesis = &mut self.hypotheses[index];
-            let all = 0..self.memory.touches().len();
-            self.trajectory.doubt(&self.map, self.settled, &self.memory, hypothesis, all);
-            let step = self.trajectory.settle(&self.map, self.settled, &self.memory, hypothesis);
-            self.trajectory.consult(&self.map, &self.memory, hypothesis);
-            if step < STILL {
-                // What is laid is as good as it gets.
+            let far = self.trajectory.settle(&self.map, settled, &self.memory, hypothesis);
+            if round == self.settings.rounds || far < STILL {
                 break;
             }
+            let again = self.doubted();
+            let hypothesis = &mut self.hypotheses[index];
+            self.trajectory.doubt(&self.map, settled, &self.memory, hypothesis, again);
+            self.trajectory.relinearise(&self.map, &self.memory, hypothesis);
+            self.lay(index);
         }
         let contacts = self.memory.touches().len();
         let hypothesis = &mut self.hypotheses[index];
@@ -450,6 +538,14 @@ impl<
             hypothesis.evidence = f32::MIN;
         }
         hypothesis.covariance = self.trajectory.covariance(&self.map, self.settled);
+    }
+
+    /// The contacts whose fit is looked at again: all while they are few, else a part in turn.
+    fn doubted(&self) -> core::ops::Range<usize> {
+        let contacts = self.memory.touches().len();
+        let parts = contacts.div_ceil(DOUBTED).max(1);
+        let part = self.grasps as usize % parts;
+        part * contacts / parts..(part + 1) * contacts / parts
     }
 
     /// Best first: insertion sort of a handful.
@@ -486,7 +582,8 @@ impl<
     fn weigh(&mut self) {
         let Some(best) = self.hypotheses[..self.count].first().map(|h| h.evidence) else { return };
         let limit = best - self.settings.prune;
-        self.count = self.hypotheses[..self.count].iter().take_while(|h| h.evidence >= limit).count();
+        self.count =
+            self.hypotheses[..self.count].iter().take_while(|h| h.evidence >= limit).count();
         let mut total = 0.0;
         for hypothesis in &mut self.hypotheses[..self.count] {
             hypothesis.weight = math::exp(hypothesis.evidence - best);
@@ -554,6 +651,12 @@ fn good<'a, S: Space>(grasp: &GraspView<'a, S>) -> impl Iterator<Item = Contact<
     grasp.contacts.iter().filter_map(|c| c.checked().ok())
 }
 
+/// Log density of an amplitude's factor, up to a constant.
+fn usual(roughness: f32) -> f32 {
+    let off = math::ln(roughness / USUAL_ROUGHNESS) / ROUGHNESS_DEVIATION;
+    -0.5 * off * off
+}
+
 /// ln(eᵃ + eᵇ).
 fn log_sum(a: f32, b: f32) -> f32 {
     let (most, least) = if a > b { (a, b) } else { (b, a) };
@@ -587,9 +690,7 @@ fn blurred<S: Space>(contact: &Contact<S>, covariance: &S::Covariance) -> Contac
     let along = h.dot(small::times::<S>(covariance, h));
     let turns = (S::DIMENSION..S::FREEDOM).map(|i| covariance.at(i, i)).sum::<f32>();
     let turn = turns / (S::FREEDOM - S::DIMENSION) as f32;
-    let add = |deviation: f32, more: f32| {
-        math::sqrt(deviation * deviation + math::max(more, 0.0))
-    };
+    let add = |deviation: f32, more: f32| math::sqrt(deviation * deviation + math::max(more, 0.0));
     Contact {
         point_deviation: add(contact.point_deviation, along),
         normal_deviation: add(contact.normal_deviation, turn),

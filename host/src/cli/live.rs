@@ -97,13 +97,15 @@ impl FromStr for Port {
 /// # Errors
 /// Bad input before a board is touched; a board that does not answer; unwritable results.
 pub fn run(args: &LiveArgs) -> Result<(), Error> {
+    if args.tracker != Kind::Bootstrap {
+        let name = args.tracker.name();
+        return Err(Error::Input(format!("--tracker: boards run bootstrap so far, not {name}")));
+    }
     let input = Input::open(args.log.as_deref(), &args.out)?;
     let Input { log, name, truth } = &input;
     let fed =
         if log.dimension == 2 { feed::<Planar>(args, log) } else { feed::<Spatial>(args, log) }?;
-    let tracker = match args.tracker {
-        Kind::Bootstrap => "bootstrap on the board",
-    };
+    let tracker = "bootstrap on the board";
     let title = input.title();
     let provenance = Provenance {
         title,

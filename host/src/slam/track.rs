@@ -210,7 +210,8 @@ fn curved(log: &GraspLog) -> Vec<Step> {
 /// A tracker of a few hundred kilobytes, built where it stays.
 fn planar_curved() -> Box<PlanarCurved> {
     let mut tracker = Box::new(PlanarCurved::new(Gpis::new()));
-    tracker.map_mut().configure(KERNEL, Ball::UNSET, Training::Normals);
+    let env=|n:&str,d:f32|std::env::var(n).ok().and_then(|v|v.parse().ok()).unwrap_or(d);
+    tracker.map_mut().configure(Matern32{amplitude:env("AMP",0.03),lengthscale:env("LEN",0.1)}, Ball::UNSET, Training::Normals);
     tracker
 }
 

@@ -1,6 +1,6 @@
 //! Contacts that can be taken back, with noise in common: see [`Revisable`].
 
-use super::Gpis;
+use super::{Gpis, Site};
 use crate::contact::Contact;
 use crate::math;
 use crate::matrix::Coordinates;
@@ -9,6 +9,7 @@ use crate::surface::cholesky::packed;
 use crate::surface::kernel::{Kernel, Radial};
 use crate::surface::prior::Prior;
 use crate::surface::revisable::{Bend, Revisable, Shared};
+use crate::surface::{Map, Probe};
 
 /// Square of the distance (metres) below which the bend of a kernel is taken for that at 2 mm: a
 /// Matérn-3/2 field has kinks at its contacts.
@@ -57,6 +58,11 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         self.factor.truncate(rows);
     }
 
+    fn roughen(&mut self, factor: f32) {
+        self.clear();
+        self.kernel = self.given.rougher(factor);
+    }
+
     fn settle(&mut self, contact: &Contact<S>, room: usize) {
         let _ = self.insert_sparing(contact, room);
     }
@@ -71,9 +77,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         self.factor.forward(residuals);
         let own = residuals.get(row..).unwrap_or(&[]);
         let misfit: f32 = own.iter().map(|v| v * v).sum();
-        -0.5 * misfit
-            - self.factor.half_log_determinant_since(row)
-            - HALF_LN_TAU * own.len() as f32
+        -0.5 * misfit - self.factor.half_log_determinant_since(row) - HALF_LN_TAU * own.len() as f32
     }
 
     fn weights(&self) -> &[f32] {
@@ -107,23 +111,63 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     }
 
     fn bend(&self, point: S::Vector) -> Bend<S> {
-        let mut gradient = self.prior.mean(point).1;
-        let mut curvature = self.prior.curvature(point);
+        let mut bend = self.prior_bend(point);
         for site in self.sites() {
             let d = point - site.point;
-            let r2 = math::max(d.norm_squared(), KINK);
-            let Radial { a, b, .. } = self.kernel.radial(r2);
-            let along = site.slope_weight.dot(d);
-            let (value, slope) = (site.value_weight, site.slope_weight);
-            gradient += d * (value * a - b * along) - slope * a;
-            // Of ∇f = Σ w (a d) − b (s·d) d − a s, where ∇a = b d and ∇b = (b′/r) d.
-            let round = value * a - b * along;
-            let outer = value * b - self.kernel.third(r2) * along;
-            for i in 0..S::DIMENSION {
-                curvature[i] += d * (outer * d[i] - b * slope[i]) - slope * (b * d[i]);
-                curvature[i][i] += round;
-            }
+            self.add_bend(site, d, d.norm_squared(), &mut bend);
         }
-        Bend { gradient, curvature }
+        bend
+    }
+
+    fn sense(&self, point: S::Vector) -> (Probe<S>, Bend<S>) {
+        let mut bend = self.prior_bend(point);
+        let mut value = self.prior.mean(point).0;
+        let mut variance = self.kernel.variance();
+        let mut slope_variance = self.kernel.slope_variance();
+        let mut nearest = f32::INFINITY;
+        for site in self.sites() {
+            let d = point - site.point;
+            let d2 = d.norm_squared();
+            let radial = self.add_bend(site, d, d2, &mut bend);
+            value += site.value_weight * radial.k - radial.a * site.slope_weight.dot(d);
+            variance = math::min(self.variance_given(site, d2, radial), variance);
+            slope_variance = math::min(self.slope_variance_given(site, d2, radial), slope_variance);
+            nearest = math::min(if site.aside { f32::INFINITY } else { d2 }, nearest);
+        }
+        let probe = Probe {
+            value,
+            gradient: bend.gradient,
+            variance: math::max(variance, 0.0),
+            slope_variance: math::max(slope_variance, 0.0),
+            nearest: math::sqrt(nearest),
+        };
+        (probe, bend)
+    }
+}
+
+impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, const PACKED: usize>
+    Gpis<S, K, P, SITES, ROWS, PACKED>
+{
+    fn prior_bend(&self, point: S::Vector) -> Bend<S> {
+        Bend { gradient: self.prior.mean(point).1, curvature: self.prior.curvature(point) }
+    }
+
+    /// One site's part in ∇f = Σ w a d − b (s·d) d − a s and in its slopes, where ∇a = b d and
+    /// ∇b = (b′/r) d.
+    #[inline(always)]
+    fn add_bend(&self, site: &Site<S>, d: S::Vector, d2: f32, bend: &mut Bend<S>) -> Radial {
+        let r2 = math::max(d2, KINK);
+        let radial = self.kernel.radial(r2);
+        let Radial { a, b, .. } = radial;
+        let (value, slope) = (site.value_weight, site.slope_weight);
+        let along = slope.dot(d);
+        let round = value * a - b * along;
+        let outer = value * b - self.kernel.third(r2) * along;
+        bend.gradient += d * round - slope * a;
+        for i in 0..S::DIMENSION {
+            bend.curvature[i] += d * (outer * d[i] - b * slope[i]) - slope * (b * d[i]);
+            bend.curvature[i][i] += round;
+        }
+        radial
     }
 }

@@ -17,8 +17,11 @@ use crate::track::likelihood::{FREEDOM, LEAST_SLOPE};
 /// Gauss–Newton steps of one start.
 const STEPS: usize = 8;
 
+/// Steps after which a start may have met another's.
+const JOINING: usize = 4;
+
 /// Steps below this (metres and radians mixed, squared) end the search.
-const SETTLED: f32 = 1e-8;
+const SETTLED: f32 = 4e-8;
 
 /// Candidates kept of one hypothesis.
 pub(super) const CANDIDATES: usize = 8;
@@ -61,6 +64,11 @@ impl<S: Space> Candidates<S> {
         &self.list[..self.count]
     }
 
+    /// Whether one lies there.
+    fn has(&self, pose: &S::Pose) -> bool {
+        self.as_slice().iter().any(|c| SAME.between::<S>(&c.pose, pose) < 1.0)
+    }
+
     /// Takes a candidate in, unless a better one lies there.
     fn add(&mut self, candidate: Candidate<S>) {
         let same = |c: &Candidate<S>| SAME.between::<S>(&c.pose, &candidate.pose) < 1.0;
@@ -101,10 +109,14 @@ impl<S: Space, M: Revisable<S>> Scene<'_, S, M> {
         let spread = -prior.half_log_determinant();
         let mut candidates = Candidates::new();
         let wide = self.spread(S::DIMENSION) > WIDE;
-        let count = if wide { WIDE_STARTS } else { 1 + 4 * (S::FREEDOM - S::DIMENSION) + usize::from(S::DIMENSION == 2) * 2 };
+        let count = if wide {
+            WIDE_STARTS
+        } else {
+            1 + 4 * (S::FREEDOM - S::DIMENSION) + usize::from(S::DIMENSION == 2) * 2
+        };
         for number in 0..count {
             let start = if wide { self.wide_start(number) } else { self.start(number) };
-            if let Some(mut candidate) = self.climb(start, &information) {
+            if let Some(mut candidate) = self.climb(start, &information, &candidates) {
                 candidate.score += spread;
                 candidates.add(candidate);
             }
@@ -158,9 +170,18 @@ impl<S: Space, M: Revisable<S>> Scene<'_, S, M> {
     }
 
     /// Gauss–Newton on contacts and prediction.
-    fn climb(&self, start: S::Pose, information: &S::Covariance) -> Option<Candidate<S>> {
+    fn climb(
+        &self,
+        start: S::Pose,
+        information: &S::Covariance,
+        found: &Candidates<S>,
+    ) -> Option<Candidate<S>> {
         let mut pose = start;
         for step in 0..=STEPS {
+            // A start that joins the path of another ends where that did.
+            if step == JOINING && found.has(&pose) {
+                return None;
+            }
             let apart = pose.local(&self.prediction.pose);
             let pull = times::<S>(information, apart);
             let mut normal = Normal { matrix: *information, right: pull, log: 0.0 };
@@ -185,15 +206,15 @@ impl<S: Space, M: Revisable<S>> Scene<'_, S, M> {
     /// Adds one contact to the normal equations.
     fn weigh(&self, touch: &Touch<S>, pose: &S::Pose, normal: &mut Normal<S>) {
         let contact = touch.seen_from(pose);
-        let probe = self.map.probe(contact.point);
+        let (probe, bend) = self.map.sense(contact.point);
         let slope = math::max(probe.gradient.norm(), LEAST_SLOPE);
         let scale = 1.0 / slope;
-        let variance = contact.point_deviation * contact.point_deviation
-            + probe.variance * scale * scale;
+        let variance =
+            contact.point_deviation * contact.point_deviation + probe.variance * scale * scale;
         let distance = probe.value * scale;
         let felt = contact.normal.filter(|_| probe.gradient.norm() > LEAST_SLOPE);
         let bend = match felt {
-            Some(_) => across(&self.map.bend(contact.point), scale),
+            Some(_) => across(&bend, scale),
             None => Bend { gradient: probe.gradient * scale, curvature: [S::Vector::ZERO; 3] },
         };
         let mut squared = distance * distance / variance;

@@ -60,8 +60,12 @@ impl<S: Space> Belief<S> {
 pub(super) struct Hypothesis<S: Space, const GRASPS: usize, const CONTACTS: usize> {
     /// Pose before the oldest remembered grasp, where there was one.
     pub base: S::Pose,
-    /// Of every remembered grasp.
+    /// Of every remembered grasp, given all.
     pub poses: [S::Pose; GRASPS],
+    /// The same when everything was last made linear about them.
+    pub about: [S::Pose; GRASPS],
+    /// Index of the hypothesis it grew from.
+    pub parent: u16,
     pub beliefs: [Belief<S>; CONTACTS],
     /// Log density of all remembered contacts, their poses marginalised (Laplace).
     pub evidence: f32,
@@ -74,6 +78,8 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize> Hypothesis<S, GRASPS,
     pub const UNSET: Self = Hypothesis {
         base: S::Pose::UNSET,
         poses: [S::Pose::UNSET; GRASPS],
+        about: [S::Pose::UNSET; GRASPS],
+        parent: 0,
         beliefs: [Belief::UNSET; CONTACTS],
         evidence: 0.0,
         covariance: S::Covariance::ZERO,
@@ -104,11 +110,7 @@ impl<S: Space> Link<S> {
 
     /// A pose known up to `covariance`.
     fn first(covariance: &S::Covariance) -> Self {
-        Link {
-            offset: S::Tangent::ZERO,
-            transport: S::Covariance::IDENTITY,
-            common: *covariance,
-        }
+        Link { offset: S::Tangent::ZERO, transport: S::Covariance::IDENTITY, common: *covariance }
     }
 
     /// The next link, from the pose `from` to `to`.
@@ -142,8 +144,12 @@ impl<S: Space> Link<S> {
 
 /// Where everything remembered meets the map: the workspace for one hypothesis at a time.
 #[derive(Clone, Debug)]
-pub(super) struct Trajectory<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
-{
+pub(super) struct Trajectory<
+    S: Space,
+    const GRASPS: usize,
+    const CONTACTS: usize,
+    const ROWS: usize,
+> {
     links: [Link<S>; GRASPS],
     /// Of every row of the map with noise in common: what a change of η does to it, and its covariance
     /// with η.
@@ -207,14 +213,14 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
         grasp: usize,
     ) {
         let Some(remembered) = memory.grasps().get(grasp) else { return };
-        let pose = &hypothesis.poses[grasp];
+        let pose = &hypothesis.about[grasp];
         let link = match (grasp.checked_sub(1), base) {
             (None, None) => Link::first(&S::Covariance::ZERO),
             (None, Some(covariance)) => {
                 Link::first(covariance).next(&hypothesis.base, &remembered.moved, pose)
             }
             (Some(before), _) => {
-                self.links[before].next(&hypothesis.poses[before], &remembered.moved, pose)
+                self.links[before].next(&hypothesis.about[before], &remembered.moved, pose)
             }
         };
         self.links[grasp] = link;
@@ -284,8 +290,8 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
     }
 
     /// Moves the poses to where they are most likely given all contacts and motions, to first order:
-    /// the posterior mean of the Gaussian process of which they are part. The longest step taken, in
-    /// standard lengths of 1 mm and 10 mrad.
+    /// the posterior mean of the Gaussian process of which they are part. How far the farthest then is from
+    /// where it was made linear, in standard lengths of 1 mm and 10 mrad.
     pub fn settle<M: Revisable<S>>(
         &self,
         map: &M,
@@ -321,7 +327,7 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
                 let unit = if axis < S::DIMENSION { 1e3 } else { 1e2 };
                 longest = math::max(step[axis].abs() * unit, longest);
             }
-            hypothesis.poses[grasp] = hypothesis.poses[grasp].retract(step);
+            hypothesis.poses[grasp] = hypothesis.about[grasp].retract(step);
         }
         longest
     }
@@ -356,8 +362,9 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
         carried::<S>(&link.transport, &covariance)
     }
 
-    /// Asks the surface that all contacts make about each of them.
-    pub fn consult<M: Revisable<S>>(
+    /// Makes everything linear about the poses as they are now: asks the surface that all contacts make
+    /// about each of them.
+    pub fn relinearise<M: Revisable<S>>(
         &self,
         map: &M,
         memory: &Memory<S, GRASPS, CONTACTS>,
@@ -365,6 +372,7 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
     ) {
         for (grasp, remembered) in memory.grasps()[..self.grasps].iter().enumerate() {
             let pose = hypothesis.poses[grasp];
+            hypothesis.about[grasp] = pose;
             for index in remembered.touches() {
                 let point = pose.untransform(memory.touches()[index].point);
                 hypothesis.beliefs[index].bend = map.bend(point);
