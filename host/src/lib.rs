@@ -9,6 +9,7 @@
 //! core's types. Units are SI, angles radians, frames `world` and `object`; a pose maps object to
 //! world.
 
+pub mod baseline;
 pub mod cli;
 pub mod dense;
 pub mod experiment;

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::cli::{Error, say};
 use crate::experiment::chapter2::{self, FIGURES};
-use crate::experiment::tracking::Contender;
+use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{Picture, calibration, chapter3, data, memory, push, shapes, tracking};
 use crate::log::write::write_atomically;
 use crate::quantity::{self, Deviation};
@@ -21,9 +21,9 @@ pub struct ReproduceArgs {
     /// Which: a figure of the thesis, or one of ours
     #[arg(value_parser = PossibleValuesParser::new(names()))]
     name: String,
-    /// How many seeds, from 0 on
-    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=10_000))]
-    seeds: u64,
+    /// How many seeds, from 0 on [default: 20; of trackers 40, mujoco 1]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    seeds: Option<u64>,
     /// Print the numbers as JSON
     #[arg(long)]
     json: bool,
@@ -34,11 +34,22 @@ pub struct ReproduceArgs {
     part: PartArgs,
 }
 
+impl ReproduceArgs {
+    fn seeds(&self) -> u64 {
+        self.seeds.unwrap_or(match self.name.as_str() {
+            TRACKING | CONSISTENCY => 40,
+            MUJOCO => 1,
+            _ => 20,
+        })
+    }
+}
+
 /// Which part of a comparison to run: all of it together runs for hours.
 #[derive(Debug, PartialEq, Args)]
-#[command(next_help_heading = "Only for shapes and tracking")]
+#[command(next_help_heading = "Only for shapes, tracking and mujoco")]
 struct PartArgs {
-    /// Only objects whose name holds this, such as ycb/ or box; or any object as in simulate
+    /// Only objects (of mujoco: recordings) whose name holds this, such as ycb/ or box; or, but for
+    /// mujoco, any object as in simulate
     #[arg(long, value_name = "OBJECT")]
     object: Vec<String>,
     /// The first seed [default: 0]
@@ -52,7 +63,7 @@ struct PartArgs {
     #[arg(long, value_name = "N", value_delimiter = ',',
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1024))]
     contacts: Vec<usize>,
-    /// Of tracking: only these trackers; oracle (true poses) and odometry (none but the hand's) too
+    /// Of tracking and mujoco: only these trackers; oracle (true poses) and odometry (none but the hand's) too
     #[arg(long, value_name = "TRACKER")]
     tracker: Vec<Contender>,
     /// Of tracking: which part of the contacts is wild [default: 0]
@@ -66,18 +77,20 @@ struct PartArgs {
 impl PartArgs {
     /// The options that were given, each with the experiments that take it.
     fn given(&self) -> impl Iterator<Item = (&'static str, &'static [&'static str])> {
-        const BOTH: &[&str] = &[SHAPES, TRACKING];
-        [
-            ("--object", BOTH, !self.object.is_empty()),
-            ("--first-seed", BOTH, self.first_seed.is_some()),
-            ("--noise", BOTH, self.noise.is_some()),
+        const COMPARISONS: &[&str] = &[SHAPES, TRACKING, CONSISTENCY];
+        const TRACKERS: &[&str] = &[TRACKING, CONSISTENCY, MUJOCO];
+        const SIMULATED: &[&str] = &[TRACKING, CONSISTENCY];
+        const ALL: &[&str] = &[SHAPES, TRACKING, CONSISTENCY, MUJOCO];
+        let options: [(_, &'static [&'static str], bool); 7] = [
+            ("--object", ALL, !self.object.is_empty()),
+            ("--first-seed", COMPARISONS, self.first_seed.is_some()),
+            ("--noise", COMPARISONS, self.noise.is_some()),
             ("--contacts", &[SHAPES], !self.contacts.is_empty()),
-            ("--tracker", &[TRACKING], !self.tracker.is_empty()),
-            ("--outliers", &[TRACKING], self.outliers.is_some()),
-            ("--grasps", &[TRACKING], self.grasps.is_some()),
-        ]
-        .into_iter()
-        .filter_map(|(name, takers, given)| given.then_some((name, takers)))
+            ("--tracker", TRACKERS, !self.tracker.is_empty()),
+            ("--outliers", SIMULATED, self.outliers.is_some()),
+            ("--grasps", SIMULATED, self.grasps.is_some()),
+        ];
+        options.into_iter().filter_map(|(name, takers, given)| given.then_some((name, takers)))
     }
 }
 
@@ -87,15 +100,22 @@ const SHAPES: &str = "shapes";
 /// The comparison of all trackers.
 const TRACKING: &str = "tracking";
 
-/// What is not a figure of chapter 2.
-const OTHERS: [&str; 2] = ["figure-3.12", "push"];
+/// Whether trackers know how wrong they are.
+const CONSISTENCY: &str = "tracking-calibration";
+
+/// All trackers on recordings of simulated physics.
+const MUJOCO: &str = "mujoco";
+
+/// What is quick and no figure of the thesis.
+const OTHERS: [&str; 1] = ["push"];
 
 /// Not part of `all`, which would take hours with them.
-const LONG: [&str; 4] = [SHAPES, TRACKING, "calibration", "memory"];
+const LONG: [&str; 6] = [SHAPES, TRACKING, CONSISTENCY, MUJOCO, "calibration", "memory"];
 
 fn names() -> Vec<&'static str> {
     let figures = FIGURES.iter().map(|f| f.name);
-    figures.chain(OTHERS).chain(LONG).chain(["all"]).collect()
+    let tracked = chapter3::FIGURES.iter().map(|f| f.name);
+    figures.chain(tracked).chain(OTHERS).chain(LONG).chain(["all"]).collect()
 }
 
 /// What an experiment gave: numbers to read, the same for programs, pictures.
@@ -155,11 +175,12 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
     }
     match args.name.as_str() {
         SHAPES => return compare_shapes(args),
-        TRACKING => return compare_trackers(args),
+        TRACKING | CONSISTENCY => return compare_trackers(args),
+        MUJOCO => return follow_recordings(args),
         _ => (),
     }
     let wanted = |name: &&str| match args.name.as_str() {
-        "all" => *name != "all" && !LONG.contains(name),
+        "all" => *name != "all" && !LONG.contains(name) && chapter3::figure(name).is_none(),
         one => one == *name,
     };
     let mut outcomes = Vec::new();
@@ -192,7 +213,7 @@ fn compare_shapes(args: &ReproduceArgs) -> Result<(), Error> {
         objects: object.clone(),
         contacts: contacts.clone(),
         noise,
-        seeds: args.seeds,
+        seeds: args.seeds(),
         first_seed: first_seed.unwrap_or(0),
     };
     tell(args, shapes::heading());
@@ -223,12 +244,31 @@ fn compare_trackers(args: &ReproduceArgs) -> Result<(), Error> {
         contenders: tracker.clone(),
         outliers: outliers.unwrap_or(0.0),
         grasps: *grasps,
-        seeds: args.seeds,
+        seeds: args.seeds(),
         first_seed: first_seed.unwrap_or(0),
     };
+    if args.name == CONSISTENCY {
+        tell(args, consistency::heading());
+        let table = consistency::run(&selection, |row| tell(args, row)).map_err(Error::input)?;
+        return conclude(args, &Outcome::new(CONSISTENCY, &table, None)?);
+    }
     tell(args, tracking::heading());
     let table = tracking::run(&selection, |row| tell(args, row)).map_err(Error::input)?;
     conclude(args, &Outcome::new(TRACKING, &table, None)?)
+}
+
+/// All trackers on the recordings, row by row as they are done.
+fn follow_recordings(args: &ReproduceArgs) -> Result<(), Error> {
+    let PartArgs { object, tracker, .. } = &args.part;
+    let selection = mujoco::Selection {
+        names: object.clone(),
+        contenders: tracker.clone(),
+        seeds: args.seeds(),
+    };
+    tell(args, mujoco::heading());
+    let table =
+        mujoco::run(data().as_deref(), &selection, |row| tell(args, row)).map_err(Error::input)?;
+    conclude(args, &Outcome::new(MUJOCO, &table, None)?)
 }
 
 /// Says how far a long comparison is to whoever watches.
@@ -253,20 +293,21 @@ fn conclude(args: &ReproduceArgs, outcome: &Outcome) -> Result<(), Error> {
 
 fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
     if let Some(figure) = chapter2::figure(name) {
-        let drawn = figure.draw(args.seeds).map_err(Error::failure)?;
+        let drawn = figure.draw(args.seeds()).map_err(Error::failure)?;
+        return Outcome::new(name, &drawn, Some(drawn.picture.clone()));
+    }
+    if let Some(figure) = chapter3::figure(name) {
+        let drawn = figure.draw(args.seeds()).map_err(Error::failure)?;
         return Outcome::new(name, &drawn, Some(drawn.picture.clone()));
     }
     if name == "calibration" {
-        let table = calibration::run(data().as_deref(), 0, args.seeds).map_err(Error::failure)?;
+        let table = calibration::run(data().as_deref(), 0, args.seeds()).map_err(Error::failure)?;
         return Outcome::new(name, &table, None);
     }
     if name == "memory" {
-        let table = memory::run(args.seeds).map_err(Error::failure)?;
+        let table = memory::run(args.seeds()).map_err(Error::failure)?;
         return Outcome::new(name, &table, None);
     }
-    let table = match name {
-        "figure-3.12" => chapter3::run(args.seeds).map_err(Error::failure)?,
-        _ => push::run(data().as_deref()).map_err(Error::input)?,
-    };
+    let table = push::run(data().as_deref()).map_err(Error::input)?;
     Outcome::new(name, &table, None)
 }

@@ -12,7 +12,7 @@ use super::{Picture, Spread};
 use crate::shape::{align::align, metrics};
 use crate::sim::SimError;
 use crate::space::Point;
-use crate::view::curves::{self, Curve, Mark, Plot};
+use crate::view::curves::{self, Curve, Mark, Plot, Scale};
 use crate::view::sheet::{self, Panel, Sheet};
 use crate::view::summary::PictureError;
 
@@ -256,6 +256,7 @@ impl Figure {
                 title: source.name().into(),
                 across: "contacts".into(),
                 up: "Hausdorff distance, mm: median and quartiles".into(),
+                scales: [Scale::Linear, Scale::Logarithmic],
                 curves,
             });
         }

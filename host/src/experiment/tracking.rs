@@ -1,8 +1,11 @@
 //! Every tracker on every object at every noise: how often it keeps the object, and what it costs.
 
+pub mod consistency;
 pub mod judge;
+pub mod mujoco;
 
 use std::fmt;
+use std::ops::Range;
 use std::str::FromStr;
 use std::time::Instant;
 
@@ -10,6 +13,7 @@ use clap::ValueEnum;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::baseline::Baseline;
 use crate::experiment::proportion::Proportion;
 use crate::experiment::{Spread, with_room};
 use crate::log::GraspLog;
@@ -54,6 +58,8 @@ pub enum Contender {
     Odometry,
     /// A tracker on offer.
     Tracker(Kind),
+    /// A tracker of another school.
+    Baseline(Baseline),
 }
 
 /// No contender has that name.
@@ -81,7 +87,8 @@ impl Contender {
     /// All of them, in the table's order.
     pub fn all() -> impl Iterator<Item = Contender> {
         let trackers = Kind::value_variants().iter().map(|kind| Contender::Tracker(*kind));
-        [Contender::Oracle, Contender::Odometry].into_iter().chain(trackers)
+        let baselines = Baseline::ALL.into_iter().map(Contender::Baseline);
+        [Contender::Oracle, Contender::Odometry].into_iter().chain(trackers).chain(baselines)
     }
 
     /// As tables and the command line name it.
@@ -90,6 +97,7 @@ impl Contender {
             Contender::Oracle => "oracle",
             Contender::Odometry => "odometry",
             Contender::Tracker(kind) => kind.name(),
+            Contender::Baseline(baseline) => baseline.name(),
         }
     }
 
@@ -99,7 +107,13 @@ impl Contender {
             Contender::Oracle => truth(log).unwrap_or_default(),
             Contender::Odometry => odometry(log),
             Contender::Tracker(kind) => kind.follow(log, seed),
+            Contender::Baseline(baseline) => baseline.follow(log, seed),
         }
+    }
+
+    /// Whether it estimates anything.
+    pub fn is_tracker(self) -> bool {
+        matches!(self, Contender::Tracker(_) | Contender::Baseline(_))
     }
 }
 
@@ -133,6 +147,18 @@ pub struct Selection {
     pub seeds: u64,
     /// The first of the seeds.
     pub first_seed: u64,
+}
+
+impl Selection {
+    /// The seeds.
+    fn range(&self) -> Range<u64> {
+        self.first_seed..self.first_seed.saturating_add(self.seeds)
+    }
+
+    /// The noise, or the usual.
+    fn percents(&self) -> &[f64] {
+        if self.noise.is_empty() { &NOISE } else { &self.noise }
+    }
 }
 
 /// One contender on one object at one noise.
@@ -181,14 +207,13 @@ pub struct Comparison {
 /// When an object does not exist or cannot be simulated.
 pub fn run(selection: &Selection, mut done: impl FnMut(&Row)) -> Result<Comparison, SimError> {
     let mut rows = Vec::new();
-    let noise: &[f64] = if selection.noise.is_empty() { &NOISE } else { &selection.noise };
     let contenders = match &selection.contenders[..] {
         [] => Contender::all().collect(),
         chosen => chosen.to_vec(),
     };
     for spec in objects(&selection.objects)? {
         let truth = Truth::new(spec.geometry()?);
-        for percent in noise {
+        for percent in selection.percents() {
             for contender in &contenders {
                 let row = compare(&spec, &truth, *percent, *contender, selection)?;
                 done(&row);
@@ -214,8 +239,9 @@ fn objects(wanted: &[String]) -> Result<Vec<ObjectSpec>, SimError> {
 }
 
 /// What one seed gave.
-struct Run {
-    judgement: Option<Judgement>,
+pub(super) struct Run {
+    /// `None` where there is nothing to judge by.
+    pub(super) judgement: Option<Judgement>,
     /// Per grasp.
     milliseconds: f64,
 }
@@ -228,22 +254,12 @@ fn compare(
     selection: &Selection,
 ) -> Result<Row, SimError> {
     let start = Instant::now();
-    let full = full_noise(spec.dimension());
-    let part = noise / 100.0;
-    let options = Options {
-        motion_noise: Deviation { length: full.length * part, angle: full.angle * part },
-        outliers: selection.outliers,
-        grasps: selection.grasps,
-        ..Options::new(spec.clone())
-    };
-    let seeds = selection.first_seed..selection.first_seed.saturating_add(selection.seeds);
-    let run = |seed| one(&Options { seed, ..options.clone() }, truth, contender);
-    let runs: Vec<Run> =
-        with_room(|| seeds.into_par_iter().map(run).collect::<Result<_, SimError>>())?;
+    let options = options(spec, noise, selection);
+    let follow = |log: &GraspLog, seed| contender.follow(log, seed);
+    let runs = runs(&options, truth, selection.range(), &follow)?;
     let judged: Vec<Judgement> = runs.iter().filter_map(|r| r.judgement).collect();
     let spread = |f: fn(&Judgement) -> f64| Spread::of(judged.iter().map(f));
-    let is_tracker = matches!(contender, Contender::Tracker(_));
-    let times = runs.iter().map(|r| r.milliseconds).filter(|_| is_tracker);
+    let times = runs.iter().map(|r| r.milliseconds).filter(|_| contender.is_tracker());
     Ok(Row {
         object: spec.to_string(),
         noise,
@@ -261,13 +277,36 @@ fn compare(
     })
 }
 
-/// One run; the tracker's seed is the simulation's.
-fn one(options: &Options, truth: &Truth, contender: Contender) -> Result<Run, SimError> {
-    let log = simulate(options)?.log;
-    let start = Instant::now();
-    let steps = contender.follow(&log, options.seed);
-    let milliseconds = 1e3 * start.elapsed().as_secs_f64() / log.grasps.len().max(1) as f64;
-    Ok(Run { judgement: judge(&log, &steps, truth), milliseconds })
+/// The simulation of an object at so many percent of [`full_noise`].
+fn options(spec: &ObjectSpec, percent: f64, selection: &Selection) -> Options {
+    let full = full_noise(spec.dimension());
+    let part = percent / 100.0;
+    Options {
+        motion_noise: Deviation { length: full.length * part, angle: full.angle * part },
+        outliers: selection.outliers,
+        grasps: selection.grasps,
+        ..Options::new(spec.clone())
+    }
+}
+
+/// Simulates, follows and judges, a run for each seed; the tracker's seed is the simulation's.
+///
+/// # Errors
+/// When the object cannot be simulated.
+pub(super) fn runs(
+    options: &Options,
+    truth: &Truth,
+    seeds: Range<u64>,
+    follow: &(dyn Fn(&GraspLog, u64) -> Vec<Step> + Sync),
+) -> Result<Vec<Run>, SimError> {
+    let one = |seed| {
+        let log = simulate(&Options { seed, ..options.clone() })?.log;
+        let start = Instant::now();
+        let steps = follow(&log, seed);
+        let milliseconds = 1e3 * start.elapsed().as_secs_f64() / log.grasps.len().max(1) as f64;
+        Ok(Run { judgement: judge(&log, &steps, truth), milliseconds })
+    };
+    with_room(|| seeds.into_par_iter().map(one).collect())
 }
 
 /// The line above the rows.

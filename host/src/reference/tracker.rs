@@ -77,44 +77,50 @@ impl Tracker {
         let step = Step { pose, covariance, effective: filter.effective(), corrected };
 
         let mut learnt = self.contacts.clone();
-        learnt.extend(contacts.iter().map(|c| self.placed(c, &step)));
-        let prior = Prior::fitted(&learnt).unwrap_or(Prior::Constant(0.0));
         let dimension = self.settings.dimension;
+        let place = |c| placed(dimension, c, &step.pose, &step.covariance);
+        learnt.extend(contacts.iter().map(place));
+        let prior = Prior::fitted(&learnt).unwrap_or(Prior::Constant(0.0));
         let surface = Gpis::fit(dimension, self.kernel, prior, self.training, &learnt)?;
         self.contacts = learnt;
         let (filter, _) = self.belief.insert((filter, surface));
         filter.resample();
         Ok(Some(step))
     }
+}
 
-    /// The contact in the object frame, its noise increased by the doubt about the pose: along the
-    /// normal (in all directions alike without one) for the point, of the rotation for the normal.
-    fn placed(&self, contact: &Contact, step: &Step) -> Contact {
-        let dimension = self.settings.dimension;
-        let c = contact.transformed(&step.pose.inverse());
-        let along = |n: &Point| {
-            let turn = c.point.cross(n);
-            let lever = if dimension == 2 {
-                DVector::from_column_slice(&[n.x, n.y, turn.z])
-            } else {
-                DVector::from_column_slice(&[n.x, n.y, n.z, turn.x, turn.y, turn.z])
-            };
-            (lever.transpose() * &step.covariance * lever)[0]
+/// A contact of the world in the object frame at an uncertain `pose`, its noise increased by that
+/// doubt: along the normal (in all directions alike without one) for the point, of the rotation for
+/// the normal. `covariance` is in tangent coordinates at the pose.
+pub fn placed(
+    dimension: usize,
+    contact: &Contact,
+    pose: &Pose,
+    covariance: &DMatrix<f64>,
+) -> Contact {
+    let c = contact.transformed(&pose.inverse());
+    let along = |n: &Point| {
+        let turn = c.point.cross(n);
+        let lever = if dimension == 2 {
+            DVector::from_column_slice(&[n.x, n.y, turn.z])
+        } else {
+            DVector::from_column_slice(&[n.x, n.y, n.z, turn.x, turn.y, turn.z])
         };
-        let doubt = match &c.normal {
-            Some(n) => along(n),
-            None => {
-                let axes = [Point::x(), Point::y(), Point::z()];
-                axes[..dimension].iter().map(along).sum::<f64>() / dimension as f64
-            }
-        };
-        let turns = step.covariance.diagonal();
-        let turns = turns.rows_range(dimension..);
-        Contact {
-            point_deviation: (c.point_deviation.powi(2) + doubt).sqrt(),
-            normal_deviation: (c.normal_deviation.powi(2) + turns.mean()).sqrt(),
-            ..c
+        (lever.transpose() * covariance * lever)[0]
+    };
+    let doubt = match &c.normal {
+        Some(n) => along(n),
+        None => {
+            let axes = [Point::x(), Point::y(), Point::z()];
+            axes[..dimension].iter().map(along).sum::<f64>() / dimension as f64
         }
+    };
+    let turns = covariance.diagonal();
+    let turns = turns.rows_range(dimension..);
+    Contact {
+        point_deviation: (c.point_deviation.powi(2) + doubt).sqrt(),
+        normal_deviation: (c.normal_deviation.powi(2) + turns.mean()).sqrt(),
+        ..c
     }
 }
 

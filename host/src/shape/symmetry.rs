@@ -49,15 +49,15 @@ enum Free {
 ///
 /// ```
 /// use nalgebra::{UnitQuaternion, Vector3};
-/// use tactile::shape::symmetry::Symmetry;
-/// use tactile::sim::ObjectSpec;
+/// use tactile_host::shape::symmetry::Symmetry;
+/// use tactile_host::sim::ObjectSpec;
 ///
 /// let hexagon: ObjectSpec = "hexagon:0.045".parse()?;
 /// let symmetry = Symmetry::of(&hexagon.geometry()?);
 /// assert_eq!(symmetry.order(), Some(6));
 /// let turn = UnitQuaternion::from_scaled_axis(Vector3::z() * 62f64.to_radians());
 /// assert!((symmetry.angle(&turn).to_degrees() - 2.0).abs() < 1e-6);
-/// # Ok::<(), tactile::sim::objects::ObjectError>(())
+/// # Ok::<(), tactile_host::sim::objects::ObjectError>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Symmetry {

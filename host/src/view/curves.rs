@@ -1,8 +1,8 @@
 //! Curves over a common axis, as the thesis plots errors against the number of contacts: medians as
-//! lines, quartiles as bands, on a logarithmic scale.
+//! lines, quartiles as bands.
 
 use super::canvas::{Anchor, Canvas, Frame, Pixel, Style};
-use super::chart::label;
+use super::chart::{label, ticks};
 use super::colour::{self, GRID, INK, PANEL, PAPER, QUIET};
 use super::summary::PictureError;
 
@@ -28,6 +28,34 @@ pub struct Curve {
     pub marks: Vec<Mark>,
 }
 
+/// How an axis is divided.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scale {
+    /// Evenly.
+    Linear,
+    /// In decades; only what is above zero can be shown.
+    Logarithmic,
+}
+
+impl Scale {
+    /// Where a value lies along the axis, before it is fitted into the plot.
+    fn place(self, value: f64) -> f64 {
+        match self {
+            Scale::Linear => value,
+            Scale::Logarithmic if value > 0.0 => value.log10(),
+            Scale::Logarithmic => f64::NAN,
+        }
+    }
+
+    /// Round values between two places.
+    fn rungs(self, (from, to): (f64, f64)) -> Vec<f64> {
+        match self {
+            Scale::Linear => ticks(from, to, 6),
+            Scale::Logarithmic => rungs((from, to)),
+        }
+    }
+}
+
 /// Curves with one pair of axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plot {
@@ -37,6 +65,8 @@ pub struct Plot {
     pub across: String,
     /// What the vertical axis says.
     pub up: String,
+    /// Of the horizontal and of the vertical axis.
+    pub scales: [Scale; 2],
     /// Drawn in this order.
     pub curves: Vec<Curve>,
 }
@@ -47,8 +77,8 @@ const SIZE: (f32, f32) = (760.0, 520.0);
 /// Plots in one picture at most.
 const MOST: usize = 12;
 
-/// Draws the plots side by side and returns the picture as PNG. Values that are not finite and
-/// positive are left out; so are plots beyond the twelfth.
+/// Draws the plots side by side and returns the picture as PNG. Values that the scales
+/// cannot show are left out; so are plots beyond the twelfth.
 ///
 /// # Errors
 /// When the picture cannot be made, see [`PictureError`].
@@ -66,43 +96,45 @@ pub fn render(plots: &[Plot]) -> Result<Vec<u8>, PictureError> {
     canvas.encode()
 }
 
-/// Both axes' ends: x as it is, y in decades.
+/// Both axes' ends, as places on their scales.
 struct Axes {
     plot: Frame,
+    scales: [Scale; 2],
     x: (f64, f64),
-    decades: (f64, f64),
+    y: (f64, f64),
 }
 
 impl Axes {
-    fn new(plot: Frame, curves: &[Curve]) -> Option<Axes> {
-        let marks = || curves.iter().flat_map(|c| &c.marks).filter(|m| shows(m));
-        let least = |f: fn(&Mark) -> f64| marks().map(f).fold(f64::INFINITY, f64::min);
-        let most = |f: fn(&Mark) -> f64| marks().map(f).fold(f64::NEG_INFINITY, f64::max);
-        let x = (least(|m| m.x), most(|m| m.x));
-        let decades = (least(|m| m.low).log10(), most(|m| m.high).log10());
-        if !(x.0.is_finite() && decades.0.is_finite() && decades.1.is_finite()) {
-            return None;
-        }
+    fn new(plot: Frame, scales: [Scale; 2], curves: &[Curve]) -> Option<Axes> {
+        let marks = || curves.iter().flat_map(|c| &c.marks).filter(|m| shows(scales, m));
+        let [across, up] = scales;
+        let ends = |scale: Scale, low: fn(&Mark) -> f64, high: fn(&Mark) -> f64| {
+            let least = marks().map(|m| scale.place(low(m))).fold(f64::INFINITY, f64::min);
+            let most = marks().map(|m| scale.place(high(m))).fold(f64::NEG_INFINITY, f64::max);
+            (least.is_finite() && most.is_finite()).then_some((least, most))
+        };
         let widen = |(a, b): (f64, f64), share: f64, least: f64| {
             let room = (share * (b - a)).max(least);
             (a - room, b + room)
         };
-        Some(Axes { plot, x: widen(x, 0.04, 1e-3), decades: widen(decades, 0.06, 0.05) })
+        let (x, y) = (ends(across, |m| m.x, |m| m.x)?, ends(up, |m| m.low, |m| m.high)?);
+        Some(Axes { plot, scales, x: widen(x, 0.04, 1e-3), y: widen(y, 0.06, 0.05) })
     }
 
     fn pixel(&self, x: f64, value: f64) -> Pixel {
         let share = |v: f64, (a, b): (f64, f64)| ((v - a) / (b - a)) as f32;
+        let [across, up] = self.scales;
         [
-            self.plot.left + self.plot.width * share(x, self.x),
-            self.plot.bottom() - self.plot.height * share(value.log10(), self.decades),
+            self.plot.left + self.plot.width * share(across.place(x), self.x),
+            self.plot.bottom() - self.plot.height * share(up.place(value), self.y),
         ]
     }
 }
 
-/// Whether a logarithmic axis can show it.
-fn shows(mark: &Mark) -> bool {
-    let positive = |v: f64| v > 0.0 && v.is_finite();
-    mark.x.is_finite() && positive(mark.low) && positive(mark.median) && positive(mark.high)
+/// Whether the scales can show it.
+fn shows([across, up]: [Scale; 2], mark: &Mark) -> bool {
+    let fine = |v: f64| up.place(v).is_finite();
+    across.place(mark.x).is_finite() && fine(mark.low) && fine(mark.median) && fine(mark.high)
 }
 
 /// 1, 2 and 5 times the powers of ten between the ends.
@@ -119,17 +151,22 @@ fn draw(canvas: &mut Canvas, frame: &Frame, plot: &Plot) {
     let quiet = Style::new(13.0, QUIET);
     canvas.text([frame.left + 22.0, frame.top + 58.0], quiet, &plot.up);
     let within = frame.inset(62.0, 76.0, 190.0, 56.0);
-    let Some(axes) = Axes::new(within, &plot.curves) else {
+    let Some(axes) = Axes::new(within, plot.scales, &plot.curves) else {
         canvas.text([within.left, within.top + 40.0], quiet, "nothing to show");
         return;
     };
-    for value in rungs(axes.decades) {
-        let y = axes.pixel(axes.x.0, value)[1];
+    for value in plot.scales[1].rungs(axes.y) {
+        let y = axes.pixel(1.0, value)[1];
         canvas.line(&[[within.left, y], [within.right(), y]], 1.0, GRID);
         canvas.text([within.left - 8.0, y + 4.5], quiet.anchored(Anchor::End), &label(value));
     }
-    let mut places: Vec<f64> =
-        plot.curves.iter().flat_map(|c| &c.marks).filter(|m| shows(m)).map(|m| m.x).collect();
+    let mut places: Vec<f64> = plot
+        .curves
+        .iter()
+        .flat_map(|c| &c.marks)
+        .filter(|m| shows(plot.scales, m))
+        .map(|m| m.x)
+        .collect();
     places.sort_by(f64::total_cmp);
     places.dedup();
     let mut free = f32::NEG_INFINITY;
@@ -138,7 +175,7 @@ fn draw(canvas: &mut Canvas, frame: &Frame, plot: &Plot) {
         if at > free {
             let below = [at, within.bottom() + 20.0];
             canvas.text(below, quiet.anchored(Anchor::Middle), &label(x));
-            free = at + 24.0;
+            free = at + 8.0 + canvas.text_width(quiet, &label(x));
         }
     }
     let middle = [within.left + within.width / 2.0, frame.bottom() - 14.0];
@@ -146,7 +183,7 @@ fn draw(canvas: &mut Canvas, frame: &Frame, plot: &Plot) {
 
     for (number, curve) in plot.curves.iter().enumerate() {
         let tint = colour::series(number);
-        let marks: Vec<&Mark> = curve.marks.iter().filter(|m| shows(m)).collect();
+        let marks: Vec<&Mark> = curve.marks.iter().filter(|m| shows(plot.scales, m)).collect();
         let mut band: Vec<Pixel> = marks.iter().map(|m| axes.pixel(m.x, m.high)).collect();
         band.extend(marks.iter().rev().map(|m| axes.pixel(m.x, m.low)));
         canvas.fill_area(&[band], tint.faded(0.14));
@@ -167,6 +204,8 @@ fn draw(canvas: &mut Canvas, frame: &Frame, plot: &Plot) {
 mod tests {
     use super::*;
 
+    const DECADES: [Scale; 2] = [Scale::Linear, Scale::Logarithmic];
+
     fn mark(x: f64, median: f64) -> Mark {
         Mark { x, low: median / 2.0, median, high: median * 2.0 }
     }
@@ -183,7 +222,7 @@ mod tests {
     fn medians_lie_within_their_band_and_the_frame() {
         let curve = Curve { name: "gp".into(), marks: vec![mark(5.0, 10.0), mark(40.0, 1.0)] };
         let frame = Frame { left: 10.0, top: 10.0, width: 300.0, height: 200.0 };
-        let axes = Axes::new(frame, std::slice::from_ref(&curve)).unwrap();
+        let axes = Axes::new(frame, DECADES, std::slice::from_ref(&curve)).unwrap();
         for m in &curve.marks {
             let [high, median, low] = [m.high, m.median, m.low].map(|v| axes.pixel(m.x, v)[1]);
             assert!(high < median && median < low);
@@ -199,11 +238,31 @@ mod tests {
             title: "Error".into(),
             across: "contacts".into(),
             up: "mm".into(),
+            scales: DECADES,
             curves,
         };
         let odd = vec![mark(1.0, f64::NAN), mark(2.0, 0.0), mark(f64::INFINITY, 1.0)];
-        assert!(Axes::new(Frame { left: 0.0, top: 0.0, width: 9.0, height: 9.0 }, &[]).is_none());
+        assert!(
+            Axes::new(Frame { left: 0.0, top: 0.0, width: 9.0, height: 9.0 }, DECADES, &[])
+                .is_none()
+        );
         let plots = [plot(vec![]), plot(vec![curve(odd)]), plot(vec![curve(vec![mark(1.0, 2.0)])])];
         assert!(render(&plots).is_ok() && render(&[]).is_ok());
+    }
+
+    #[test]
+    fn shares_may_be_zero_and_decades_may_not() {
+        let scales = [Scale::Logarithmic, Scale::Linear];
+        let none = Mark { x: 250.0, low: 0.0, median: 0.0, high: 20.0 };
+        let all = Mark { x: 10_000.0, low: 80.0, median: 100.0, high: 100.0 };
+        assert!(shows(scales, &none) && !shows(DECADES, &none));
+        assert!(!shows(scales, &Mark { x: 0.0, ..none }));
+        let curve = Curve { name: "share".into(), marks: vec![none, all] };
+        let frame = Frame { left: 0.0, top: 0.0, width: 300.0, height: 200.0 };
+        let axes = Axes::new(frame, scales, &[curve]).unwrap();
+        // Halfway in decades and in percent is halfway across the plot.
+        let middle = axes.pixel((250.0f64 * 10_000.0).sqrt(), 50.0);
+        assert!((middle[0] - 150.0).abs() < 0.1 && (middle[1] - 100.0).abs() < 0.1, "{middle:?}");
+        assert_eq!(scales[1].rungs((-6.0, 106.0)), [0.0, 20.0, 40.0, 60.0, 80.0, 100.0]);
     }
 }

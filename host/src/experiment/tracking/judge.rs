@@ -37,13 +37,23 @@ pub struct Offset {
     pub rotation: f64,
 }
 
+/// Distances to the estimate from the true surface within 10 mm of a contact, metres; the rest of the
+/// object is a guess. The shapes lie as the contacts have it: no alignment but the frame's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Touched {
+    /// On average.
+    pub mean: f64,
+    /// At most.
+    pub greatest: f64,
+}
+
 /// What one run is worth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Judgement {
     /// Hausdorff distance after the best rigid alignment, metres; `None` where there is no shape.
     pub hausdorff: Option<f64>,
-    /// Mean distance likewise.
-    pub mean: Option<f64>,
+    /// Of the touched part of the true surface to the estimate; `None` where there is no shape.
+    pub touched: Option<Touched>,
     /// Of the last pose.
     pub last: Offset,
     /// Root mean square over all poses.
@@ -80,13 +90,14 @@ pub fn judge(log: &GraspLog, steps: &[Step], truth: &Truth) -> Option<Judgement>
     };
     let rms = Offset { translation: square(|o| o.translation), rotation: square(|o| o.rotation) };
     let shape = reconstruct(log, steps, Choice::Auto, &|_, _| {}).ok();
-    let shape = shape.map(|s| s.geometry.transformed(&gauge)).and_then(|estimate| {
-        let aligned = align::align(&estimate, &truth.geometry);
-        metrics::compare_at(&estimate, &aligned, &truth.geometry)
+    let shape = shape.map(|s| s.geometry.transformed(&gauge)).filter(|s| !metrics::is_empty(s));
+    let aligned = shape.as_ref().and_then(|estimate| {
+        let pose = align::align(estimate, &truth.geometry);
+        metrics::compare_at(estimate, &pose, &truth.geometry)
     });
     Some(Judgement {
-        hausdorff: shape.map(|d| d.hausdorff),
-        mean: shape.map(|d| d.mean),
+        hausdorff: aligned.map(|d| d.hausdorff),
+        touched: shape.and_then(|estimate| touched(log, truth, &estimate)),
         last,
         rms,
         contacts: contact_rms(log, steps, truth, &gauge),
@@ -128,6 +139,34 @@ fn contact_rms(log: &GraspLog, steps: &[Step], truth: &Truth, gauge: &Pose) -> f
         }
     }
     (sum / f64::from(count.max(1))).sqrt()
+}
+
+/// A point of the true surface no farther than this from where it was touched is touched, metres.
+const NEAR: f64 = 0.01;
+
+/// Points drawn from the true surface to find its touched part.
+const SAMPLES: usize = 3000;
+
+fn touched(log: &GraspLog, truth: &Truth, estimate: &Geometry) -> Option<Touched> {
+    let felt: Vec<Point> = log
+        .grasps
+        .iter()
+        .filter_map(|g| Some((g, g.truth?.inverse())))
+        .flat_map(|(g, to_object)| {
+            g.contacts.iter().map(move |c| (to_object * Point3::from(c.point)).coords)
+        })
+        .collect();
+    let distances: Vec<f64> = truth
+        .geometry
+        .samples(SAMPLES)
+        .into_iter()
+        .filter(|(p, _)| felt.iter().any(|c| (c - p).norm() < NEAR))
+        .map(|(p, _)| estimate.distance(&p))
+        .collect();
+    (!distances.is_empty()).then(|| Touched {
+        mean: distances.iter().sum::<f64>() / distances.len() as f64,
+        greatest: distances.iter().copied().fold(0.0, f64::max),
+    })
 }
 
 /// Grasps whose true poses the search for the gauge starts from.

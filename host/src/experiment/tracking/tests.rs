@@ -43,6 +43,8 @@ fn a_symmetric_turn_is_no_error_and_another_is() {
     steps[last].pose = turned(60.0);
     let same = judge(&log, &steps, &truth).unwrap();
     assert!(same.last.rotation.to_degrees() < 1.5 && same.is_success(), "{same:?}");
+    let touched = same.touched.unwrap();
+    assert!(touched.mean < 1e-3 && touched.greatest < 3e-3, "{touched:?}");
     steps[last].pose = turned(25.0);
     let other = judge(&log, &steps, &truth).unwrap();
     assert!((other.last.rotation.to_degrees() - 25.0).abs() < 3.0, "{other:?}");
