@@ -106,6 +106,9 @@ const COPY: Separation = Separation { translation: 0.002, rotation: 0.035 };
 /// A second answer of at least this share makes the belief ambiguous.
 const AMBIGUOUS: f32 = 0.2;
 
+/// How often the object moves as if nobody knew how.
+const SLIP: f32 = 0.03;
+
 /// Candidates this many nats below the best are not looked at closely.
 const HOPELESS: f32 = 12.0;
 
@@ -625,18 +628,30 @@ impl<
         (best.pose, covariance, modes, if squares > 0.0 { 1.0 / squares } else { 1.0 })
     }
 
+    /// Whether the grasp was explained better than by wild contacts.
+    fn is_found(&self, density: f32, nowhere: f32) -> bool {
+        self.born > 0 && density > nowhere
+    }
+
     /// One grasp with contacts: what became of it, and how many contacts found no room.
     fn learn(&mut self, grasp: &GraspView<'_, S>, contacts: usize) -> (Status, u16) {
         let mut dropped = self.make_room(contacts);
         dropped = dropped.saturating_add(self.memory.push(self.grasps, self.pending, grasp));
-        let density = self.branch(grasp);
         let nowhere: f32 = good(grasp).map(|c| wild(&c)).sum();
-        if self.born == 0 || !(density > nowhere) {
+        let mut density = math::ln(1.0 - SLIP) + self.branch(grasp);
+        if !self.is_found(density, nowhere) {
+            // Motion has a second, rare component: the object slipped who knows how far.
+            self.memory.pop();
+            let unknown = self.settings.unknown;
+            self.widen(&unknown);
+            self.memory.push(self.grasps, self.pending, grasp);
+            self.lay_part(0, self.memory.grasps().len().saturating_sub(1));
+            density = math::ln(SLIP) + self.branch(grasp);
+        }
+        if !self.is_found(density, nowhere) {
             self.evidence += nowhere;
             self.memory.pop();
             self.lay(0);
-            let unknown = self.settings.unknown;
-            self.widen(&unknown);
             return (Status::Lost, dropped);
         }
         self.evidence += density;

@@ -5,7 +5,7 @@ use tactile_core::contact::{Contact, FreePoint, GraspView};
 use tactile_core::matrix::Square;
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::surface::cholesky::packed;
-use tactile_core::surface::{Ball, Gpis, Matern32, Prior, Training};
+use tactile_core::surface::{Ball, Ellipsoid, Gpis, Matern32, Prior, Training};
 use tactile_core::track::{Bootstrap, Curved, Estimate, MotionNoise, Settings, Status, Tracker, curved};
 
 use crate::log::{GraspLog, LoggedGrasp, Noise};
@@ -37,9 +37,9 @@ const REVISED_CONTACTS: usize = 112;
 const CURVED: usize = 160;
 
 /// A curved object in the plane.
-type PlanarCurved = Curved<
+type PlanarCurved<P> = Curved<
     Planar,
-    Gpis<Planar, Matern32, Ball<Planar>, CURVED, { 3 * CURVED }, { packed(3 * CURVED) }>,
+    Gpis<Planar, Matern32, P, CURVED, { 3 * CURVED }, { packed(3 * CURVED) }>,
     HYPOTHESES,
     REVISED,
     REVISED_CONTACTS,
@@ -47,9 +47,9 @@ type PlanarCurved = Curved<
 >;
 
 /// A curved object in space.
-type SpatialCurved = Curved<
+type SpatialCurved<P> = Curved<
     Spatial,
-    Gpis<Spatial, Matern32, Ball<Spatial>, CURVED, { 4 * CURVED }, { packed(4 * CURVED) }>,
+    Gpis<Spatial, Matern32, P, CURVED, { 4 * CURVED }, { packed(4 * CURVED) }>,
     HYPOTHESES,
     REVISED,
     REVISED_CONTACTS,
@@ -196,28 +196,26 @@ pub fn bootstrap(log: &GraspLog, settings: &Settings) -> Vec<Step> {
 fn curved(log: &GraspLog) -> Vec<Step> {
     let settings =
         curved::Settings { motion: settings(log, 0).motion, ..curved::Settings::DEFAULT };
+    let ball = std::env::var("PRIOR").is_ok_and(|p| p == "ball");
     if log.dimension == 2 {
-        let mut tracker = planar_curved();
-        tracker.configure(settings);
-        follow(&mut *tracker, log)
+        if ball { let mut t = planar_curved::<Ball<Planar>>(); t.configure(settings); follow(&mut *t, log) }
+        else { let mut t = planar_curved::<Ellipsoid<Planar>>(); t.configure(settings); follow(&mut *t, log) }
     } else {
-        let mut tracker = spatial_curved();
-        tracker.configure(settings);
-        follow(&mut *tracker, log)
+        if ball { let mut t = spatial_curved::<Ball<Spatial>>(); t.configure(settings); follow(&mut *t, log) }
+        else { let mut t = spatial_curved::<Ellipsoid<Spatial>>(); t.configure(settings); follow(&mut *t, log) }
     }
 }
 
 /// A tracker of a few hundred kilobytes, built where it stays.
-fn planar_curved() -> Box<PlanarCurved> {
+fn planar_curved<P: Prior<Planar>>() -> Box<PlanarCurved<P>> {
     let mut tracker = Box::new(PlanarCurved::new(Gpis::new()));
-    let env=|n:&str,d:f32|std::env::var(n).ok().and_then(|v|v.parse().ok()).unwrap_or(d);
-    tracker.map_mut().configure(Matern32{amplitude:env("AMP",0.03),lengthscale:env("LEN",0.1)}, Ball::UNSET, Training::Normals);
+    tracker.map_mut().configure(KERNEL, P::UNSET, Training::Normals);
     tracker
 }
 
-fn spatial_curved() -> Box<SpatialCurved> {
+fn spatial_curved<P: Prior<Spatial>>() -> Box<SpatialCurved<P>> {
     let mut tracker = Box::new(SpatialCurved::new(Gpis::new()));
-    tracker.map_mut().configure(KERNEL, Ball::UNSET, Training::Normals);
+    tracker.map_mut().configure(KERNEL, P::UNSET, Training::Normals);
     tracker
 }
 
