@@ -15,7 +15,8 @@ use crate::wire::{
 };
 
 pub use trackers::{
-    CONTACTS, PlanarDevice, PlanarMap, PlanarTracker, SpatialDevice, SpatialMap, SpatialTracker,
+    CONTACTS, PlanarDevice, PlanarHypotheses, PlanarMap, PlanarTracker, SpatialDevice,
+    SpatialHypotheses, SpatialMap, SpatialTracker,
 };
 
 /// What a device needs of the hardware.

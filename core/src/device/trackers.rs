@@ -5,7 +5,8 @@ use super::{Device, Onboard};
 use crate::space::{Planar, Spatial};
 use crate::surface::cholesky::packed;
 use crate::surface::{Ball, Gpis, Matern32, Prior, Training};
-use crate::track::Bootstrap;
+use crate::track::hypotheses::{self, Chart, Hypotheses};
+use crate::track::{Bootstrap, MotionNoise};
 use crate::wire::WireSpace;
 
 /// Standard deviation of the surface about its prior ball, metres.
@@ -30,6 +31,19 @@ pub type SpatialMap =
 pub type PlanarTracker = Bootstrap<Planar, PlanarMap, 250>;
 /// The tracker of a spatial board.
 pub type SpatialTracker = Bootstrap<Spatial, SpatialMap, 400>;
+const PLANAR_FACES: usize = 10;
+const PLANAR_JOINT: usize = hypotheses::rows::<Planar>(PLANAR_FACES);
+const SPATIAL_FACES: usize = 10;
+const SPATIAL_JOINT: usize = hypotheses::rows::<Spatial>(SPATIAL_FACES);
+/// Grasps that a board's hypotheses remember: a board reports poses as it goes.
+const GRASPS: usize = 0;
+
+/// Four joint hypotheses of the pose and ten faces, for a planar board.
+pub type PlanarHypotheses =
+    Hypotheses<Planar, 4, PLANAR_FACES, PLANAR_JOINT, { packed(PLANAR_JOINT) }, GRASPS>;
+/// The same for a spatial board.
+pub type SpatialHypotheses =
+    Hypotheses<Spatial, 4, SPATIAL_FACES, SPATIAL_JOINT, { packed(SPATIAL_JOINT) }, GRASPS>;
 /// A planar board.
 pub type PlanarDevice = Device<PlanarTracker, Planar, CONTACTS>;
 /// A spatial board.
@@ -57,5 +71,30 @@ impl<S: WireSpace, const SITES: usize, const ROWS: usize, const PACKED: usize, c
             Ball::UNSET,
             Training::Normals,
         );
+    }
+}
+
+/// Partial explanations of a grasp that a board keeps.
+const BEAM: u8 = 8;
+
+impl<
+    S: WireSpace + Chart,
+    const K: usize,
+    const FACES: usize,
+    const ROWS: usize,
+    const PACKED: usize,
+    const GRASPS: usize,
+> Onboard<S> for Hypotheses<S, K, FACES, ROWS, PACKED, GRASPS>
+{
+    /// Faces: contacts are not kept.
+    const MAP: usize = FACES;
+    const PARTICLES: usize = K;
+
+    fn prepare(&mut self) {
+        self.configure(hypotheses::Settings {
+            motion: MotionNoise::THESIS,
+            beam: BEAM,
+            ..hypotheses::Settings::DEFAULT
+        });
     }
 }

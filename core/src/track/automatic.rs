@@ -26,6 +26,7 @@
 //! weights before the grasp.
 
 use crate::contact::{Contact, GraspView};
+use crate::math;
 use crate::space::Space;
 use crate::track::{Estimate, MotionNoise, Tracker};
 
@@ -40,6 +41,12 @@ pub fn wild<S: Space>(contact: &Contact<S>) -> f32 {
     const SPATIAL: f32 = -2.531_024_2;
     let direction = if S::DIMENSION == 2 { PLANAR } else { SPATIAL };
     PLACE + if contact.normal.is_some() { direction } else { 0.0 }
+}
+
+/// ln(eᵃ + eᵇ).
+pub(crate) fn log_sum(a: f32, b: f32) -> f32 {
+    let (most, least) = if a > b { (a, b) } else { (b, a) };
+    if least == f32::NEG_INFINITY { most } else { most + math::ln(1.0 + math::exp(least - most)) }
 }
 
 /// A tracker that says how well it foretold what was felt.

@@ -33,7 +33,7 @@ use crate::math;
 use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
 use crate::surface::Revisable;
-use crate::track::automatic::{Evidence, wild};
+use crate::track::automatic::{Evidence, log_sum, wild};
 use crate::track::likelihood::LEAST_SLOPE;
 use crate::track::{Estimate, Modes, MotionNoise, Observability, Separation, Status, Tracker};
 use memory::{Drift, Memory, Move};
@@ -670,12 +670,6 @@ fn good<'a, S: Space>(grasp: &GraspView<'a, S>) -> impl Iterator<Item = Contact<
 fn usual(roughness: f32) -> f32 {
     let off = math::ln(roughness / USUAL_ROUGHNESS) / ROUGHNESS_DEVIATION;
     -0.5 * off * off
-}
-
-/// ln(eᵃ + eᵇ).
-fn log_sum(a: f32, b: f32) -> f32 {
-    let (most, least) = if a > b { (a, b) } else { (b, a) };
-    if least == f32::NEG_INFINITY { most } else { most + math::ln(1.0 + math::exp(least - most)) }
 }
 
 /// Swaps two hypotheses of which `before` comes first, without a third on the stack.

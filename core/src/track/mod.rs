@@ -3,6 +3,7 @@
 pub mod automatic;
 pub mod bootstrap;
 pub mod curved;
+pub mod hypotheses;
 pub mod likelihood;
 pub mod modes;
 pub mod motion;
@@ -12,6 +13,7 @@ pub mod particles;
 pub use automatic::{Automatic, Evidence, Meant};
 pub use bootstrap::{Bootstrap, Gate, Settings};
 pub use curved::Curved;
+pub use hypotheses::Hypotheses;
 pub use modes::{Mode, Modes, Separation};
 pub use motion::MotionNoise;
 pub use observability::Observability;

@@ -3,10 +3,12 @@
 use nalgebra::Matrix6;
 use tactile_core::contact::{Contact, FreePoint, GraspView};
 use tactile_core::matrix::Square;
-use tactile_core::space::{Planar, Spatial};
+use tactile_core::space::{Planar, Space, Spatial};
 use tactile_core::surface::cholesky::packed;
 use tactile_core::surface::{Ball, Ellipsoid, Gpis, Matern32, Prior, Training};
-use tactile_core::track::{Bootstrap, Curved, Estimate, MotionNoise, Settings, Status, Tracker, curved};
+use tactile_core::track::curved::{self, Curved};
+use tactile_core::track::hypotheses::{self, Hypotheses};
+use tactile_core::track::{Automatic, Bootstrap, Estimate, MotionNoise, Settings, Status, Tracker};
 
 use crate::log::{GraspLog, LoggedGrasp, Noise};
 use crate::slam::deviations;
@@ -29,18 +31,18 @@ type PlanarMap =
 type SpatialMap =
     Gpis<Spatial, Matern32, Ball<Spatial>, CONTACTS, { 4 * CONTACTS }, { packed(4 * CONTACTS) }>;
 
-/// Hypotheses of the curved tracker; the grasps and contacts it keeps to revise; and the contacts of its
+/// Trajectories of the curved tracker; the grasps and contacts it keeps to revise; and the contacts of its
 /// map, among them those of older grasps that are settled.
-const HYPOTHESES: usize = 12;
+const TRAJECTORIES: usize = 12;
 const REVISED: usize = 24;
 const REVISED_CONTACTS: usize = 112;
-const CURVED: usize = 160;
+const CURVED: usize = 144;
 
 /// A curved object in the plane.
 type PlanarCurved<P> = Curved<
     Planar,
     Gpis<Planar, Matern32, P, CURVED, { 3 * CURVED }, { packed(3 * CURVED) }>,
-    HYPOTHESES,
+    TRAJECTORIES,
     REVISED,
     REVISED_CONTACTS,
     { 3 * CURVED },
@@ -50,11 +52,23 @@ type PlanarCurved<P> = Curved<
 type SpatialCurved<P> = Curved<
     Spatial,
     Gpis<Spatial, Matern32, P, CURVED, { 4 * CURVED }, { packed(4 * CURVED) }>,
-    HYPOTHESES,
+    TRAJECTORIES,
     REVISED,
     REVISED_CONTACTS,
     { 4 * CURVED },
 >;
+/// Hypotheses of the host, the faces of each, and the grasps that each remembers.
+const HYPOTHESES: usize = 12;
+const FACES: usize = 20;
+const GRASPS: usize = 128;
+
+const PLANAR_ROWS: usize = hypotheses::rows::<Planar>(FACES);
+const SPATIAL_ROWS: usize = hypotheses::rows::<Spatial>(FACES);
+
+type PlanarHypotheses =
+    Hypotheses<Planar, HYPOTHESES, FACES, PLANAR_ROWS, { packed(PLANAR_ROWS) }, GRASPS>;
+type SpatialHypotheses =
+    Hypotheses<Spatial, HYPOTHESES, FACES, SPATIAL_ROWS, { packed(SPATIAL_ROWS) }, GRASPS>;
 
 /// What is known of the object after one grasp.
 #[derive(Clone, Debug, PartialEq)]
@@ -134,6 +148,11 @@ pub enum Kind {
     Bootstrap,
     /// A few trajectories over one Gaussian-process surface, for curved objects
     Curved,
+    /// Multi-hypothesis iterated Kalman filter over pose and faces
+    Hypotheses,
+    /// `hypotheses` and `curved` side by side: the one that foretells the grasps better
+    #[value(name = "auto")]
+    Automatic,
 }
 
 impl Kind {
@@ -142,6 +161,8 @@ impl Kind {
         match self {
             Kind::Bootstrap => "bootstrap",
             Kind::Curved => "curved",
+            Kind::Hypotheses => "hypotheses",
+            Kind::Automatic => "auto",
         }
     }
 
@@ -150,7 +171,9 @@ impl Kind {
     pub fn follow(self, log: &GraspLog, seed: u64) -> Vec<Step> {
         match self {
             Kind::Bootstrap => bootstrap(log, &settings(log, seed)),
-            Kind::Curved => curved(log),
+            Kind::Curved => curved(log, settings(log, seed).motion),
+            Kind::Hypotheses => several_hypotheses(log, settings(log, seed).motion),
+            Kind::Automatic => automatic(log, settings(log, seed).motion),
         }
     }
 }
@@ -192,31 +215,86 @@ pub fn bootstrap(log: &GraspLog, settings: &Settings) -> Vec<Step> {
     }
 }
 
-/// Follows a curved object through the log. Nothing is random.
-fn curved(log: &GraspLog) -> Vec<Step> {
-    let settings =
-        curved::Settings { motion: settings(log, 0).motion, ..curved::Settings::DEFAULT };
+/// Follows a curved object through the log: one step per grasp, the same on every machine.
+pub fn curved(log: &GraspLog, motion: MotionNoise) -> Vec<Step> {
     let ball = std::env::var("PRIOR").is_ok_and(|p| p == "ball");
     if log.dimension == 2 {
-        if ball { let mut t = planar_curved::<Ball<Planar>>(); t.configure(settings); follow(&mut *t, log) }
-        else { let mut t = planar_curved::<Ellipsoid<Planar>>(); t.configure(settings); follow(&mut *t, log) }
+        if ball {
+            let mut t = Box::new(PlanarCurved::<Ball<Planar>>::new(Gpis::new()));
+            expect_curved(&mut t, motion);
+            follow(&mut *t, log)
+        } else {
+            let mut t = Box::new(PlanarCurved::<Ellipsoid<Planar>>::new(Gpis::new()));
+            expect_curved(&mut t, motion);
+            follow(&mut *t, log)
+        }
     } else {
-        if ball { let mut t = spatial_curved::<Ball<Spatial>>(); t.configure(settings); follow(&mut *t, log) }
-        else { let mut t = spatial_curved::<Ellipsoid<Spatial>>(); t.configure(settings); follow(&mut *t, log) }
+        if ball {
+            let mut t = Box::new(SpatialCurved::<Ball<Spatial>>::new(Gpis::new()));
+            expect_curved(&mut t, motion);
+            follow(&mut *t, log)
+        } else {
+            let mut t = Box::new(SpatialCurved::<Ellipsoid<Spatial>>::new(Gpis::new()));
+            expect_curved(&mut t, motion);
+            follow(&mut *t, log)
+        }
     }
 }
 
-/// A tracker of a few hundred kilobytes, built where it stays.
-fn planar_curved<P: Prior<Planar>>() -> Box<PlanarCurved<P>> {
-    let mut tracker = Box::new(PlanarCurved::new(Gpis::new()));
+/// Sets the model of a curved tracker.
+fn expect_curved<
+    S: Space,
+    P: Prior<S>,
+    const SITES: usize,
+    const ROWS: usize,
+    const PACKED: usize,
+    const K: usize,
+    const GRASPS: usize,
+    const TOUCHES: usize,
+>(
+    tracker: &mut Curved<S, Gpis<S, Matern32, P, SITES, ROWS, PACKED>, K, GRASPS, TOUCHES, ROWS>,
+    motion: MotionNoise,
+) {
     tracker.map_mut().configure(KERNEL, P::UNSET, Training::Normals);
-    tracker
+    tracker.configure(curved::Settings { motion, ..curved::Settings::DEFAULT });
 }
 
-fn spatial_curved<P: Prior<Spatial>>() -> Box<SpatialCurved<P>> {
-    let mut tracker = Box::new(SpatialCurved::new(Gpis::new()));
-    tracker.map_mut().configure(KERNEL, P::UNSET, Training::Normals);
-    tracker
+/// Follows an object of which nobody knows whether it is curved: one step per grasp, the same on
+/// every machine.
+pub fn automatic(log: &GraspLog, motion: MotionNoise) -> Vec<Step> {
+    let faces = hypotheses::Settings { motion, ..hypotheses::Settings::DEFAULT };
+    if log.dimension == 2 {
+        let mut tracker = Box::new(Automatic::new(
+            PlanarHypotheses::new(),
+            PlanarCurved::<Ellipsoid<Planar>>::new(Gpis::new()),
+        ));
+        tracker.first_mut().configure(faces);
+        expect_curved(tracker.second_mut(), motion);
+        follow(&mut *tracker, log)
+    } else {
+        let mut tracker = Box::new(Automatic::new(
+            SpatialHypotheses::new(),
+            SpatialCurved::<Ellipsoid<Spatial>>::new(Gpis::new()),
+        ));
+        tracker.first_mut().configure(faces);
+        expect_curved(tracker.second_mut(), motion);
+        follow(&mut *tracker, log)
+    }
+}
+
+/// Follows the object through the log with joint hypotheses of pose and faces: one step per grasp, the
+/// same on every machine.
+pub fn several_hypotheses(log: &GraspLog, motion: MotionNoise) -> Vec<Step> {
+    let settings = hypotheses::Settings { motion, ..hypotheses::Settings::DEFAULT };
+    if log.dimension == 2 {
+        let mut tracker = Box::new(PlanarHypotheses::new());
+        tracker.configure(settings);
+        follow(&mut *tracker, log)
+    } else {
+        let mut tracker = Box::new(SpatialHypotheses::new());
+        tracker.configure(settings);
+        follow(&mut *tracker, log)
+    }
 }
 
 /// The filter's settings for a log: its motion noise where it says, else the thesis' 100 %, and no

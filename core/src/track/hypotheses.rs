@@ -1,0 +1,754 @@
+//! Several answers at once: a multi-hypothesis iterated extended Kalman filter over pose and faces.
+//!
+//! One map shared by all samples is what loses an object whose motion is uncertain: a grasp placed
+//! wrongly spoils it for every sample. Here every hypothesis owns its faces, jointly Gaussian with the
+//! pose (EKF-SLAM with planes as landmarks: Smith, Self and Cheeseman 1990; the multi-hypothesis
+//! treatment after Reid 1979), so a dozen do what the thesis (3.4) needed 10 000 particles for.
+//!
+//! One grasp is explained contact by contact. Every contact may lie on a face of the hypothesis,
+//! open a new one, or be wild; a beam search keeps the best partial explanations, and
+//! each is scored by its Gaussian evidence, relinearised at its own best pose. What is known beside is
+//! evidence too, all of it bounded:
+//! * a contact beyond a plane it is not on contradicts convexity; a plane that contacts
+//!   were beyond before forgives it (a Beta–Bernoulli rate per plane), so concave objects are learnt;
+//! * a new face is as likely as there is room between the known planes and the points touched: faces
+//!   are expected as a Poisson process over normals and offsets, of which that room is left;
+//! * a finger that met nothing is not inside a map that is whole.
+//!
+//! The best `K` explanations live on. When the best calls most contacts wild, the object is lost:
+//! the maps stay as they are, and the next grasps are sought at every rotation.
+
+mod chart;
+mod hypothesis;
+mod joint;
+mod plane;
+mod search;
+
+#[cfg(test)]
+mod joint_tests;
+#[cfg(test)]
+mod tests;
+
+pub use chart::Chart;
+
+use crate::contact::{Contact, FreePoint, GraspView};
+use crate::math;
+use crate::matrix::{Coordinates, Square};
+use crate::space::{Pose, Space};
+use crate::track::automatic::{Evidence, log_sum, wild};
+use crate::track::{Estimate, Modes, MotionNoise, Observability, Separation, Status, Tracker};
+use hypothesis::{Hypothesis, Past, Work};
+use joint::Sparse;
+use plane::Touch;
+use search::{FACE, Felt, LEAVES, Leaf, OPENS, Odds, Search, TOUCHES, WILD, replay, settle};
+
+/// Numbers of a joint belief over a pose and `faces` planes: the `ROWS` of [`Hypotheses`].
+pub const fn rows<S: Space>(faces: usize) -> usize {
+    S::FREEDOM + S::DIMENSION * faces
+}
+
+/// How a [`Hypotheses`] works.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Motion noise of one grasp.
+    pub motion: MotionNoise,
+    /// How many faces an object is expected to have.
+    pub faces: f32,
+    /// Which share of the contacts is expected to be wild, above 0.
+    pub wild: f32,
+    /// Partial explanations kept while a grasp is explained, of each hypothesis: 1 to 16.
+    pub beam: u8,
+}
+
+impl Settings {
+    /// The thesis' motion noise, six faces, 2 % wild contacts, all of the beam.
+    pub const DEFAULT: Self =
+        Settings { motion: MotionNoise::THESIS, faces: 6.0, wild: 0.02, beam: 16 };
+}
+
+/// A face of the best hypothesis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Face<S: Space> {
+    /// Unit, out of the object (object frame).
+    pub normal: S::Vector,
+    /// ρ of the plane n·p = ρ, metres.
+    pub offset: f32,
+    /// Mean of the contacts on it, metres.
+    pub centre: S::Vector,
+    /// Variance of the height of the plane there, square metres.
+    pub variance: f32,
+    /// Variance of the normal, radians² per axis.
+    pub normal_variance: f32,
+    /// Contacts on it.
+    pub contacts: u16,
+    /// Whether contacts lay beyond it: the object is concave there.
+    pub reentrant: bool,
+}
+
+/// At most `K` hypotheses of at most `FACES` planes; `ROWS` is [`rows`]`(FACES)`, `PACKED` is
+/// [`packed`](crate::surface::cholesky::packed)`(ROWS)`, and each remembers its last `GRASPS` poses.
+///
+/// ```
+/// use tactile_core::contact::{Contact, GraspView};
+/// use tactile_core::matrix::Vector;
+/// use tactile_core::space::{Planar, PlanarPose, Pose};
+/// use tactile_core::surface::cholesky::packed;
+/// use tactile_core::track::{Hypotheses, Tracker};
+///
+/// // Two touches on each side of a square of 40 mm.
+/// let touch = |pose: &PlanarPose| {
+///     let sides = [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)];
+///     let ends = sides.into_iter().flat_map(|s| [-0.01, 0.01].map(|along| (s, along)));
+///     let felt = ends.map(|((x, y), along)| Contact {
+///         point: pose.transform(Vector([0.02 * x - along * y, 0.02 * y + along * x])),
+///         normal: Some(pose.rotate(Vector([x, y]))),
+///         point_deviation: 1e-3,
+///         normal_deviation: 0.09,
+///         finger: 0,
+///     });
+///     felt.collect::<Vec<_>>()
+/// };
+/// let mut tracker = Hypotheses::<Planar, 4, 8, 19, { packed(19) }, 2>::new();
+/// let first = touch(&PlanarPose::IDENTITY);
+/// tracker.update(None, GraspView { contacts: &first, free: &[] });
+/// assert_eq!(tracker.faces().count(), 4);
+///
+/// // It turned by 17° and moved by 8 mm; nobody said so.
+/// let pose = PlanarPose::new(Vector([0.008, 0.0]), 0.3);
+/// let second = touch(&pose);
+/// let estimate = tracker.update(None, GraspView { contacts: &second, free: &[] });
+/// assert!((estimate.pose.angle() - 0.3).abs() < 0.02);
+/// assert!((estimate.pose.translation - pose.translation)[0].abs() < 1e-3);
+/// ```
+#[derive(Clone, Debug)]
+pub struct Hypotheses<
+    S: Space,
+    const K: usize,
+    const FACES: usize,
+    const ROWS: usize,
+    const PACKED: usize,
+    const GRASPS: usize,
+> {
+    slots: [Hypothesis<S, FACES, ROWS, PACKED, GRASPS>; K],
+    /// Slots in use, best first.
+    order: [u8; K],
+    count: usize,
+    work: Work<S, FACES, ROWS, PACKED>,
+    search: Search<S>,
+    touches: [Touch<S>; TOUCHES],
+    /// Of no account until `configured`, so that a new tracker is all zero bits.
+    settings: Settings,
+    configured: bool,
+    /// Grasps seen.
+    grasps: u32,
+    /// Whether a contact has fixed the object frame.
+    started: bool,
+    /// Grasps since the object was lost; 0 when it is not.
+    lost: u32,
+    /// Radius that the object is thought not to exceed, metres.
+    reach: f32,
+    /// Log density of the grasps so far, nats.
+    evidence: f32,
+}
+
+/// What became of the contacts of a grasp.
+#[derive(Clone, Copy, Default)]
+struct Outcome {
+    corrected: bool,
+    lost: bool,
+    dropped: u16,
+    /// Log density of the contacts.
+    density: f32,
+}
+
+impl<
+    S: Chart,
+    const K: usize,
+    const FACES: usize,
+    const ROWS: usize,
+    const PACKED: usize,
+    const GRASPS: usize,
+> Hypotheses<S, K, FACES, ROWS, PACKED, GRASPS>
+{
+    const SIZES: () = assert!(K > 0 && K <= LEAVES && FACES > S::DIMENSION, "K: 1 to 32");
+
+    /// Hypotheses less likely than the best by this many nats are given up.
+    const FORLORN: f32 = 15.0;
+
+    /// Nothing touched yet, [`Settings::DEFAULT`]; all zero bits.
+    pub const fn new() -> Self {
+        let () = Self::SIZES;
+        Hypotheses {
+            slots: [const { Hypothesis::new() }; K],
+            order: [0; K],
+            count: 0,
+            work: Work::new(),
+            search: Search::new(),
+            touches: [Touch::UNSET; TOUCHES],
+            settings: Settings {
+                motion: MotionNoise { translation: 0.0, rotation: 0.0 },
+                faces: 0.0,
+                wild: 0.0,
+                beam: 0,
+            },
+            configured: false,
+            grasps: 0,
+            started: false,
+            lost: 0,
+            reach: 0.0,
+            evidence: 0.0,
+        }
+    }
+
+    /// Starts anew with these settings.
+    pub fn configure(&mut self, settings: Settings) {
+        self.settings = settings;
+        self.configured = true;
+        self.count = 0;
+        self.grasps = 0;
+        self.started = false;
+        self.lost = 0;
+        self.reach = 0.0;
+        self.evidence = 0.0;
+    }
+
+    /// The faces of the best hypothesis, in the order they were first touched.
+    pub fn faces(&self) -> impl Iterator<Item = Face<S>> + '_ {
+        self.best().into_iter().flat_map(|best| {
+            (0..best.faces).map(|face| {
+                let (plane, record) = (&best.planes[face], &best.records[face]);
+                let first = S::FREEDOM + S::DIMENSION * face;
+                let axes = chart::across::<S>(plane.normal);
+                let last = S::DIMENSION - 1;
+                let mut height = S::Vector::ZERO;
+                let mut normal_variance = 0.0;
+                for k in 0..last {
+                    height[k] = axes[k].dot(record.centre);
+                    normal_variance += best.joint.at(first + k, first + k) / last as f32;
+                }
+                height[last] = -1.0;
+                Face {
+                    normal: plane.normal,
+                    offset: plane.offset,
+                    centre: record.centre,
+                    variance: best.joint.variance(Sparse([(first, height.as_slice()), (0, &[])])),
+                    normal_variance,
+                    contacts: record.contacts,
+                    reentrant: record.is_reentrant(),
+                }
+            })
+        })
+    }
+
+    /// The pose of every hypothesis and its share of the belief, best first.
+    pub fn hypotheses(&self) -> impl Iterator<Item = (f32, S::Pose)> + Clone + '_ {
+        let best = self.best().map_or(0.0, |b| b.weight);
+        let alive = self.order[..self.count].iter().filter_map(|i| self.slots.get(usize::from(*i)));
+        let share = move |h: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>| {
+            math::exp(math::max(h.weight - best, -60.0))
+        };
+        let total: f32 = alive.clone().map(share).sum();
+        alive.map(move |h| (share(h) / total, h.pose))
+    }
+
+    fn best(&self) -> Option<&Hypothesis<S, FACES, ROWS, PACKED, GRASPS>> {
+        self.order[..self.count].first().and_then(|i| self.slots.get(usize::from(*i)))
+    }
+
+    /// Fixes the object frame at the centroid of the first contacts.
+    fn start(&mut self, grasp: &GraspView<'_, S>) {
+        let (mut centroid, mut count) = (S::Vector::ZERO, 0.0);
+        for contact in good(grasp) {
+            centroid += contact.point;
+            count += 1.0;
+        }
+        if count == 0.0 {
+            self.slots[0].place(S::Pose::IDENTITY);
+        } else {
+            centroid = centroid * (1.0 / count);
+            self.slots[0].place(S::Pose::from_translation(centroid));
+            self.started = true;
+        }
+        let mut furthest = 0.01 * 0.01;
+        for contact in good(grasp) {
+            furthest = math::max(furthest, (contact.point - centroid).norm_squared());
+        }
+        self.reach = 1.5 * math::sqrt(furthest);
+        (self.order[0], self.count) = (0, 1);
+    }
+
+    /// Moves every hypothesis as the hand meant to, and adds the doubt about that.
+    fn predict(&mut self, motion: Option<&S::Pose>) {
+        let motion = motion.filter(|m| m.is_finite());
+        // Unknown motion is taken for rest with twice the noise.
+        let factor = if motion.is_some() { 1.0 } else { 2.0 };
+        let noise = self.settings.motion;
+        let variances = [noise.translation, noise.rotation]
+            .map(|deviation| factor * deviation * factor * deviation);
+        for slot in self.order[..self.count].iter().map(|i| usize::from(*i)) {
+            let hypothesis = &mut self.slots[slot];
+            if let Some(motion) = motion {
+                hypothesis.pose = motion.compose(&hypothesis.pose);
+            }
+            for i in 0..S::FREEDOM {
+                hypothesis.joint.add_variance(i, variances[usize::from(i >= S::DIMENSION)]);
+            }
+            if GRASPS > 0 {
+                let past = &mut hypothesis.past[self.grasps as usize % GRASPS];
+                (past.predicted, past.noise) = (hypothesis.pose, variances);
+            }
+        }
+    }
+
+    /// What hypothesis `slot` expects of contacts.
+    fn odds(&self, slot: usize) -> Odds {
+        let room = self.slots[slot].room(self.reach);
+        let all = S::DIRECTIONS * self.reach;
+        let density = self.settings.faces / all;
+        let wild = self.settings.wild;
+        Odds {
+            opens: math::ln(density / (1.0 + density * room)),
+            wild: [math::ln(wild / all), math::ln(wild / self.reach)],
+            whole: math::max(1.0 - 2.0 * room / all, 0.0),
+        }
+    }
+
+    /// Explains the first `count` touches by every hypothesis and keeps the best explanations.
+    fn absorb(&mut self, count: usize, grasp: &GraspView<'_, S>) -> Outcome {
+        let lost = self.lost > 0;
+        let wider = if lost { [0.1 * 0.1, 1.5 * 1.5] } else { [0.0; 2] };
+        self.search.clear();
+        for number in 0..self.count {
+            let slot = usize::from(self.order[number]);
+            let odds = self.odds(slot);
+            let felt = Felt { touches: &self.touches[..count], free: grasp.free, wider };
+            let width = usize::from(self.settings.beam.max(1));
+            let (search, work, prior) = (&mut self.search, &mut self.work, &self.slots[slot]);
+            if lost {
+                let middle = middle(felt.touches);
+                let turns = (0..S::TURNS).step_by(8);
+                for group in turns {
+                    let group = group..(group + 8).min(S::TURNS);
+                    let roots = group.map(|i| facing(prior, middle, S::turn(i)));
+                    search.explain(work, prior, slot, &felt, &odds, roots, width);
+                }
+            } else {
+                let roots = core::iter::once(S::Tangent::ZERO);
+                search.explain(work, prior, slot, &felt, &odds, roots, width);
+            }
+        }
+        let density = self.density();
+        let Some(best) = self.search.leaves().first() else {
+            return Outcome { lost: self.started, ..Outcome::default() };
+        };
+        let (known, wild) = (usize::from(best.known), usize::from(best.wild));
+        let mapped = self.best().is_some_and(|b| b.faces > S::DIMENSION);
+        let nowhere =
+            if lost { known < S::DIMENSION + 1 || 3 * wild > count } else { 2 * wild > count };
+        if mapped && nowhere {
+            return Outcome { lost: true, ..Outcome::default() };
+        }
+        let corrected = known > 0;
+        let dropped = best.wild.into();
+        self.select(count, grasp.free, wider);
+        Outcome { corrected, lost: false, dropped, density }
+    }
+
+    /// Log density of what was just explained, over all hypotheses and explanations.
+    fn density(&self) -> f32 {
+        let all = |logs: &mut dyn Iterator<Item = f32>| logs.fold(f32::NEG_INFINITY, log_sum);
+        let before =
+            self.order[..self.count].iter().map(|slot| self.slots[usize::from(*slot)].weight);
+        all(&mut self.search.leaves().iter().map(|leaf| leaf.node.score)) - all(&mut { before })
+    }
+
+    /// Replaces the hypotheses by the best explanations.
+    fn select(&mut self, count: usize, free: &[FreePoint<S>], wider: [f32; 2]) {
+        let mut chosen = [0u8; K];
+        let mut kept = 0;
+        let best = self.search.leaves()[0].node.score;
+        for (number, leaf) in self.search.leaves().iter().enumerate() {
+            if kept == K || leaf.node.score < best - Self::FORLORN {
+                break;
+            }
+            let same = chosen[..kept]
+                .iter()
+                .any(|c| self.same(&self.search.leaves()[usize::from(*c)], leaf));
+            if !same {
+                chosen[kept] = number as u8;
+                kept += 1;
+            }
+        }
+        // A hypothesis with several children is copied for all but one of them, into slots without.
+        let mut taken = [false; K];
+        for c in &chosen[..kept] {
+            taken[usize::from(self.search.leaves()[usize::from(*c)].parent)] = true;
+        }
+        let mut inherited = [false; K];
+        let mut order = [0u8; K];
+        for (place, c) in order.iter_mut().zip(&chosen[..kept]) {
+            let parent = usize::from(self.search.leaves()[usize::from(*c)].parent);
+            let mut slot = parent;
+            if core::mem::replace(&mut inherited[parent], true)
+                && let Some(free) = taken.iter().position(|t| !t)
+            {
+                taken[free] = true;
+                slot = free;
+                if let Ok([to, from]) = self.slots.get_disjoint_mut([free, parent]) {
+                    to.copy_from(from);
+                }
+            }
+            *place = slot as u8;
+        }
+        for (slot, c) in order.iter().zip(&chosen[..kept]) {
+            let leaf = self.search.leaves()[usize::from(*c)];
+            self.continue_with(usize::from(*slot), &leaf, count, free, wider);
+        }
+        (self.order, self.count) = (order, kept);
+        self.rank();
+    }
+
+    /// Whether two explanations say the same of pose and planes.
+    fn same(&self, a: &Leaf<S>, b: &Leaf<S>) -> bool {
+        const NEAR: Separation = Separation { translation: 1.5e-3, rotation: 0.03 };
+        let (p, q) = (usize::from(a.parent), usize::from(b.parent));
+        let [p, q] = [p, q].map(|i| self.slots.get(i));
+        let (Some(p), Some(q)) = (p, q) else { return false };
+        p.faces + usize::from(a.opened) == q.faces + usize::from(b.opened)
+            && NEAR.between::<S>(&a.pose, &b.pose) < 1.0
+            && (a.parent == b.parent || alike(p, q))
+    }
+
+    /// Conditions the hypothesis in a slot on an explanation of the grasp.
+    fn continue_with(
+        &mut self,
+        slot: usize,
+        leaf: &Leaf<S>,
+        count: usize,
+        free: &[FreePoint<S>],
+        wider: [f32; 2],
+    ) {
+        let odds = self.odds(slot);
+        let felt = Felt { touches: &self.touches[..count], free, wider };
+        let labels = &leaf.node.labels[..count];
+        let hypothesis = &mut self.slots[slot];
+        let mut opened = hypothesis.faces;
+        replay(&mut self.work, hypothesis, &felt, labels, leaf.node.tangent);
+        settle(&mut self.work, hypothesis, &felt, labels, &odds);
+        for (touch, label) in felt.touches.iter().zip(labels).filter(|(_, l)| **l != WILD) {
+            for face in (0..hypothesis.faces).filter(|f| *label != FACE + *f as u8) {
+                let [height, variance] =
+                    self.work.height(touch.point, touch.point_variance, &hypothesis.pose, face);
+                let record = &mut hypothesis.records[face];
+                record.tested = record.tested.saturating_add(1);
+                if height > 3.0 * math::sqrt(variance) {
+                    record.beyond = record.beyond.saturating_add(1);
+                }
+            }
+        }
+        hypothesis.adopt(&self.work);
+        for (touch, label) in felt.touches.iter().zip(labels) {
+            let face = match *label {
+                WILD => continue,
+                OPENS => {
+                    opened += 1;
+                    opened - 1
+                }
+                face => usize::from(face - FACE),
+            };
+            let point = hypothesis.pose.untransform(touch.point);
+            if let Some(record) = hypothesis.records.get_mut(face) {
+                record.touch(point);
+            }
+        }
+        let concave = hypothesis.is_concave();
+        for record in &mut hypothesis.records[..hypothesis.faces] {
+            record.judge(concave);
+        }
+        hypothesis.weight = leaf.node.score;
+        self.merge(slot, &odds);
+    }
+
+    /// Joins planes that are one: where that they coincide is likelier than that a second was opened
+    /// (the ratio is the density of their difference at zero over that of a new face; Dickey 1971).
+    fn merge(&mut self, slot: usize, odds: &Odds) {
+        let (hypothesis, work) = (&mut self.slots[slot], &mut self.work);
+        let mut b = 1;
+        while b < hypothesis.faces {
+            let mut joined = false;
+            for a in 0..b {
+                work.begin(hypothesis, [0.0; 2]);
+                if let Some(gain) = work.coincidence(a, b)
+                    && gain > odds.opens
+                {
+                    work.join(a, b);
+                    hypothesis.adopt(work);
+                    hypothesis.weight += gain - odds.opens;
+                    let record = hypothesis.records[b];
+                    hypothesis.records[a].merge(&record);
+                    hypothesis.forget_face(b);
+                    joined = true;
+                    break;
+                }
+            }
+            if !joined {
+                b += 1;
+            }
+        }
+    }
+
+    /// Sorts by weight, the best to zero, and gives up the forlorn.
+    fn rank(&mut self) {
+        for i in 1..self.count {
+            let mut j = i;
+            let weight = |i: usize| self.slots[usize::from(self.order[i])].weight;
+            let own = weight(i);
+            while j > 0 && weight(j - 1) < own {
+                j -= 1;
+            }
+            self.order[j..=i].rotate_right(1);
+        }
+        let best = self.best().map_or(0.0, |b| b.weight);
+        for slot in &self.order[..self.count] {
+            self.slots[usize::from(*slot)].weight -= best;
+        }
+        let slots = &self.slots;
+        let kept = |i: &&u8| slots[usize::from(**i)].weight > -Self::FORLORN;
+        self.count = self.order[..self.count].iter().take_while(kept).count();
+    }
+
+    /// Makes room for new faces by giving up those that only one contact speaks for.
+    fn tidy(&mut self) {
+        for slot in &self.order[..self.count] {
+            let hypothesis = &mut self.slots[usize::from(*slot)];
+            let mut face = 0;
+            while face < hypothesis.faces {
+                let record = &hypothesis.records[face];
+                let full = hypothesis.faces + S::DIMENSION > FACES;
+                let refuted = record.beyond > 1 || (full && record.tested > 0);
+                if record.contacts < 2 && refuted {
+                    hypothesis.forget_face(face);
+                } else {
+                    face += 1;
+                }
+            }
+        }
+    }
+
+    /// The pose now in every hypothesis' memory of this grasp.
+    fn remember(&mut self) {
+        if GRASPS > 0 {
+            let place = self.grasps as usize % GRASPS;
+            for slot in &self.order[..self.count] {
+                let hypothesis = &mut self.slots[usize::from(*slot)];
+                let covariance = hypothesis.pose_covariance();
+                let past = &mut hypothesis.past[place];
+                (past.pose, past.covariance) = (hypothesis.pose, covariance);
+            }
+        }
+    }
+
+    /// Covariance about the best pose of the hypotheses that share its mode.
+    fn covariance(&self, pose: &S::Pose) -> S::Covariance {
+        let mut covariance = S::Covariance::ZERO;
+        let mut total = 0.0;
+        for ((share, other), slot) in self.hypotheses().zip(&self.order[..self.count]) {
+            if Separation::DEFAULT.between::<S>(pose, &other) < 1.0 {
+                let apart = pose.local(&other);
+                let own = self.slots[usize::from(*slot)].pose_covariance();
+                total += share;
+                for i in 0..S::FREEDOM {
+                    for j in 0..S::FREEDOM {
+                        *covariance.at_mut(i, j) += share * (own.at(i, j) + apart[i] * apart[j]);
+                    }
+                }
+            }
+        }
+        if total > 0.0 {
+            covariance.scale(1.0 / total);
+        }
+        covariance
+    }
+}
+
+/// The contacts of a grasp that can be used, with unit normals.
+fn good<'a, S: Space>(grasp: &GraspView<'a, S>) -> impl Iterator<Item = Contact<S>> + Clone + 'a {
+    grasp.contacts.iter().filter_map(|c| c.checked().ok())
+}
+
+/// The mean of the touches, world frame.
+fn middle<S: Space>(touches: &[Touch<S>]) -> S::Vector {
+    let mut sum = S::Vector::ZERO;
+    for touch in touches {
+        sum += touch.point;
+    }
+    sum * (1.0 / touches.len().max(1) as f32)
+}
+
+/// The tangent at the predicted pose that turns the object by `turn` and brings its middle to
+/// `middle` (world frame).
+fn facing<
+    S: Chart,
+    const FACES: usize,
+    const ROWS: usize,
+    const PACKED: usize,
+    const GRASPS: usize,
+>(
+    prior: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>,
+    middle: S::Vector,
+    turn: S::Tangent,
+) -> S::Tangent {
+    let (mut own, mut count) = (S::Vector::ZERO, 0.0);
+    for (_, point) in prior.witnesses() {
+        own += point;
+        count += 1.0;
+    }
+    own = own * (1.0 / math::max(count, 1.0));
+    let turned = prior.pose.retract(turn);
+    let shift = prior.pose.untransform(middle) - prior.pose.unrotate(turned.rotate(own));
+    let mut tangent = turn;
+    for i in 0..S::DIMENSION {
+        tangent[i] = shift[i];
+    }
+    tangent
+}
+
+/// Whether two hypotheses have the same planes.
+fn alike<
+    S: Chart,
+    const FACES: usize,
+    const ROWS: usize,
+    const PACKED: usize,
+    const GRASPS: usize,
+>(
+    a: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>,
+    b: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>,
+) -> bool {
+    a.planes[..a.faces].iter().all(|p| {
+        b.planes[..b.faces]
+            .iter()
+            .any(|q| p.normal.dot(q.normal) > 0.998 && (p.offset - q.offset).abs() < 2e-3)
+    })
+}
+
+impl<
+    S: Chart,
+    const K: usize,
+    const FACES: usize,
+    const ROWS: usize,
+    const PACKED: usize,
+    const GRASPS: usize,
+> Tracker<S> for Hypotheses<S, K, FACES, ROWS, PACKED, GRASPS>
+{
+    fn update(&mut self, motion: Option<&S::Pose>, grasp: GraspView<'_, S>) -> Estimate<S> {
+        if !self.configured {
+            self.configure(Settings::DEFAULT);
+        }
+        let contacts = good(&grasp).count();
+        let begun = self.started;
+        if begun {
+            self.predict(motion);
+            self.tidy();
+        } else {
+            self.start(&grasp);
+        }
+        let mut outcome = Outcome::default();
+        let mut felt = good(&grasp);
+        loop {
+            let mut count = 0;
+            for (touch, contact) in self.touches.iter_mut().zip(&mut felt) {
+                *touch = Touch::of(&contact);
+                count += 1;
+            }
+            if count == 0 {
+                break;
+            }
+            let part = self.absorb(count, &grasp);
+            outcome.dropped = outcome.dropped.saturating_add(part.dropped);
+            outcome.corrected |= part.corrected && begun;
+            outcome.density += part.density;
+            if part.lost {
+                outcome.lost = !outcome.corrected;
+                break;
+            }
+        }
+        if begun {
+            self.evidence +=
+                if outcome.lost { good(&grasp).map(|c| wild(&c)).sum() } else { outcome.density };
+        }
+        if contacts > 0 {
+            self.lost = if outcome.lost { self.lost.saturating_add(1) } else { 0 };
+        }
+        self.remember();
+        let pose = self.best().map_or(S::Pose::IDENTITY, |b| b.pose);
+        let modes = Modes::of(self.hypotheses(), &Separation::DEFAULT);
+        let status = match (begun, contacts) {
+            (false, _) => Status::Started,
+            (true, 0) => Status::Predicted,
+            _ if outcome.lost => Status::Lost,
+            _ if modes.disagree(0.1) => Status::Ambiguous,
+            _ if !outcome.corrected => Status::Predicted,
+            _ => Status::Tracking,
+        };
+        let squares: f32 = self.hypotheses().map(|(share, _)| share * share).sum();
+        let placed = good(&grasp)
+            .filter_map(|c| Some((pose.untransform(c.point), pose.unrotate(c.normal?))));
+        let estimate = Estimate {
+            grasp: self.grasps,
+            pose,
+            covariance: self.covariance(&pose),
+            status,
+            modes,
+            effective_particles: if squares > 0.0 { 1.0 / squares } else { 0.0 },
+            observability: Observability::of(placed),
+            contacts: contacts.min(usize::from(u16::MAX)) as u16,
+            rejected: (grasp.contacts.len() - contacts).min(usize::from(u16::MAX)) as u16,
+            dropped: outcome.dropped,
+            corrected: outcome.corrected,
+            resampled: false,
+        };
+        self.grasps = self.grasps.saturating_add(1);
+        estimate
+    }
+
+    /// No random numbers are drawn: every seed gives the same.
+    fn reset(&mut self, _seed: u64) {
+        let settings = if self.configured { self.settings } else { Settings::DEFAULT };
+        self.configure(settings);
+    }
+
+    fn set_motion_noise(&mut self, noise: MotionNoise) {
+        if !self.configured {
+            self.configure(Settings::DEFAULT);
+        }
+        self.settings.motion = noise;
+    }
+
+    fn recall(&self, grasp: u32) -> Option<S::Pose> {
+        let age = self.grasps.checked_sub(grasp)?;
+        if GRASPS == 0 || age == 0 || age as usize > GRASPS {
+            return None;
+        }
+        let past =
+            |grasp: u32| -> Option<&Past<S>> { self.best()?.past.get(grasp as usize % GRASPS) };
+        let mut pose = past(self.grasps - 1)?.pose;
+        for earlier in (grasp..self.grasps - 1).rev() {
+            pose = past(earlier)?.smoothed(past(earlier + 1)?, &pose);
+        }
+        Some(pose)
+    }
+}
+
+impl<
+    S: Chart,
+    const K: usize,
+    const FACES: usize,
+    const ROWS: usize,
+    const PACKED: usize,
+    const GRASPS: usize,
+> Evidence<S> for Hypotheses<S, K, FACES, ROWS, PACKED, GRASPS>
+{
+    fn evidence(&self) -> f32 {
+        self.evidence
+    }
+}
