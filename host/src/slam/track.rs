@@ -39,9 +39,9 @@ const REVISED_CONTACTS: usize = 112;
 const CURVED: usize = 144;
 
 /// A curved object in the plane.
-type PlanarCurved<P> = Curved<
+type PlanarCurved = Curved<
     Planar,
-    Gpis<Planar, Matern32, P, CURVED, { 3 * CURVED }, { packed(3 * CURVED) }>,
+    Gpis<Planar, Matern32, Ellipsoid<Planar>, CURVED, { 3 * CURVED }, { packed(3 * CURVED) }>,
     TRAJECTORIES,
     REVISED,
     REVISED_CONTACTS,
@@ -49,9 +49,9 @@ type PlanarCurved<P> = Curved<
 >;
 
 /// A curved object in space.
-type SpatialCurved<P> = Curved<
+type SpatialCurved = Curved<
     Spatial,
-    Gpis<Spatial, Matern32, P, CURVED, { 4 * CURVED }, { packed(4 * CURVED) }>,
+    Gpis<Spatial, Matern32, Ellipsoid<Spatial>, CURVED, { 4 * CURVED }, { packed(4 * CURVED) }>,
     TRAJECTORIES,
     REVISED,
     REVISED_CONTACTS,
@@ -217,27 +217,14 @@ pub fn bootstrap(log: &GraspLog, settings: &Settings) -> Vec<Step> {
 
 /// Follows a curved object through the log: one step per grasp, the same on every machine.
 pub fn curved(log: &GraspLog, motion: MotionNoise) -> Vec<Step> {
-    let ball = std::env::var("PRIOR").is_ok_and(|p| p == "ball");
     if log.dimension == 2 {
-        if ball {
-            let mut t = Box::new(PlanarCurved::<Ball<Planar>>::new(Gpis::new()));
-            expect_curved(&mut t, motion);
-            follow(&mut *t, log)
-        } else {
-            let mut t = Box::new(PlanarCurved::<Ellipsoid<Planar>>::new(Gpis::new()));
-            expect_curved(&mut t, motion);
-            follow(&mut *t, log)
-        }
+        let mut tracker = Box::new(PlanarCurved::new(Gpis::new()));
+        expect_curved(&mut tracker, motion);
+        follow(&mut *tracker, log)
     } else {
-        if ball {
-            let mut t = Box::new(SpatialCurved::<Ball<Spatial>>::new(Gpis::new()));
-            expect_curved(&mut t, motion);
-            follow(&mut *t, log)
-        } else {
-            let mut t = Box::new(SpatialCurved::<Ellipsoid<Spatial>>::new(Gpis::new()));
-            expect_curved(&mut t, motion);
-            follow(&mut *t, log)
-        }
+        let mut tracker = Box::new(SpatialCurved::new(Gpis::new()));
+        expect_curved(&mut tracker, motion);
+        follow(&mut *tracker, log)
     }
 }
 
@@ -264,18 +251,14 @@ fn expect_curved<
 pub fn automatic(log: &GraspLog, motion: MotionNoise) -> Vec<Step> {
     let faces = hypotheses::Settings { motion, ..hypotheses::Settings::DEFAULT };
     if log.dimension == 2 {
-        let mut tracker = Box::new(Automatic::new(
-            PlanarHypotheses::new(),
-            PlanarCurved::<Ellipsoid<Planar>>::new(Gpis::new()),
-        ));
+        let mut tracker =
+            Box::new(Automatic::new(PlanarHypotheses::new(), PlanarCurved::new(Gpis::new())));
         tracker.first_mut().configure(faces);
         expect_curved(tracker.second_mut(), motion);
         follow(&mut *tracker, log)
     } else {
-        let mut tracker = Box::new(Automatic::new(
-            SpatialHypotheses::new(),
-            SpatialCurved::<Ellipsoid<Spatial>>::new(Gpis::new()),
-        ));
+        let mut tracker =
+            Box::new(Automatic::new(SpatialHypotheses::new(), SpatialCurved::new(Gpis::new())));
         tracker.first_mut().configure(faces);
         expect_curved(tracker.second_mut(), motion);
         follow(&mut *tracker, log)
