@@ -149,6 +149,15 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
         forward(&self.lower, &self.inverse_diagonal[..n], &mut x[..n]);
     }
 
+    /// x ← L⁻¹ x where the numbers before `row` are zero, and stay so.
+    pub fn forward_from(&self, row: usize, x: &mut [f32]) {
+        for i in row..self.rows.min(x.len()) {
+            let (head, tail) = x.split_at_mut(i);
+            let known = dot(&self.lower[start(i) + row..start(i) + i], &head[row..]);
+            tail[0] = (tail[0] - known) * self.inverse_diagonal[i];
+        }
+    }
+
     /// x ← L⁻ᵀ x over the first `rows()` numbers; a shorter x uses as many rows as it has.
     pub fn backward(&self, x: &mut [f32]) {
         let n = self.rows.min(x.len());
@@ -164,7 +173,13 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
 
     /// ln det(L·Lᵀ)/2 = Σ ln Lᵢᵢ.
     pub fn half_log_determinant(&self) -> f32 {
-        -self.inverse_diagonal[..self.rows].iter().map(|&d| math::ln(d)).sum::<f32>()
+        self.half_log_determinant_since(0)
+    }
+
+    /// Σ ln Lᵢᵢ over the rows from `row` on: ln det/2 of what those rows leave open to the ones before.
+    pub fn half_log_determinant_since(&self, row: usize) -> f32 {
+        let diagonal = self.inverse_diagonal[..self.rows].get(row..).unwrap_or(&[]);
+        -diagonal.iter().map(|&d| math::ln(d)).sum::<f32>()
     }
 }
 
@@ -186,18 +201,20 @@ fn forward(lower: &[f32], inverse_diagonal: &[f32], x: &mut [f32]) {
         let l2 = &lower[start(i + 2)..start(i + 2) + i + 3];
         let l3 = &lower[start(i + 3)..start(i + 3) + i + 4];
         let (a0, a1, a2, a3) = (&l0[..i], &l1[..i], &l2[..i], &l3[..i]);
-        let (mut s0, mut s1, mut s2, mut s3) = (0.0f32, 0.0f32, 0.0f32, 0.0f32);
+        // Four partial sums a row: sixteen in flight, or four vectors.
+        let mut sums = [[0.0f32; 4]; 4];
         // i is a multiple of four, and so nothing is left over.
         let blocks = a0.as_chunks::<4>().0.iter().zip(a1.as_chunks::<4>().0);
         let blocks = blocks.zip(a2.as_chunks::<4>().0).zip(a3.as_chunks::<4>().0);
         for ((((l0, l1), l2), l3), v) in blocks.zip(done.as_chunks::<4>().0) {
             for j in 0..4 {
-                s0 += l0[j] * v[j];
-                s1 += l1[j] * v[j];
-                s2 += l2[j] * v[j];
-                s3 += l3[j] * v[j];
+                sums[0][j] += l0[j] * v[j];
+                sums[1][j] += l1[j] * v[j];
+                sums[2][j] += l2[j] * v[j];
+                sums[3][j] += l3[j] * v[j];
             }
         }
+        let [s0, s1, s2, s3] = sums.map(|[a, b, c, d]| (a + b) + (c + d));
         let d = &inverse_diagonal[i..i + 4];
         let y0 = (todo[0] - s0) * d[0];
         let y1 = (todo[1] - s1 - l1[i] * y0) * d[1];

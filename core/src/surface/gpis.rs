@@ -13,6 +13,7 @@
 //! points with opposite normals leave the slope between them undecided.
 
 mod bound;
+mod revise;
 mod spheres;
 
 pub use spheres::Spheres;
@@ -73,6 +74,11 @@ struct Site<S: Space> {
     noise: f32,
     /// Whether the point lies off the surface: no contact.
     aside: bool,
+    /// Whether its noise is shared with others, see [`Revisable`](super::Revisable).
+    shared: bool,
+    /// What its pose shifts the observations by: value and slopes.
+    value_offset: f32,
+    slope_offset: S::Vector,
     /// Posterior weights: (K + Σ)⁻¹ (y − m) of its rows.
     value_weight: f32,
     slope_weight: S::Vector,
@@ -91,6 +97,9 @@ impl<S: Space> Site<S> {
         slope_precision: 0.0,
         noise: 0.0,
         aside: false,
+        shared: false,
+        value_offset: 0.0,
+        slope_offset: S::Vector::ZERO,
         value_weight: 0.0,
         slope_weight: S::Vector::ZERO,
     };
@@ -282,14 +291,27 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             - HALF_LN_TAU * self.factor.rows() as f32
     }
 
+    /// y − m of one site into its rows.
+    fn residuals(prior: &P, site: &Site<S>, rows: &mut [f32]) {
+        let (mean, slope) = prior.mean(site.point);
+        let row = usize::from(site.row);
+        rows[row] = site.value + site.value_offset - mean;
+        if site.slope {
+            for j in 0..S::DIMENSION {
+                rows[row + 1 + j] = site.normal[j] + site.slope_offset[j] - slope[j];
+            }
+        }
+    }
+
     /// Sites of contacts and sphere points.
     fn sites(&self) -> &[Site<S>] {
         &self.sites[..self.count + self.enclosing]
     }
 
-    /// Whether a contact of this many sites and rows still fits.
-    fn fits(&self, sites: usize, rows: usize) -> bool {
-        self.count + sites <= SITES && self.taken() + rows <= ROWS
+    /// Whether a contact of this many sites and rows still fits, with as many sites to spare.
+    fn fits(&self, sites: usize, rows: usize, spare: usize) -> bool {
+        let spare_rows = spare * (1 + S::DIMENSION);
+        self.count + sites + spare <= SITES && self.taken() + rows + spare_rows <= ROWS
     }
 
     /// Appends the rows of one site, with noise of its own.
@@ -299,7 +321,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         value_noise: f32,
         slope_noise: f32,
     ) -> Result<(), NotPositiveDefinite> {
-        if !self.fits(1, site.rows()) {
+        if !self.fits(1, site.rows(), 0) {
             return Err(NotPositiveDefinite);
         }
         let first = self.factor.rows();
@@ -421,6 +443,34 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         (sites, count)
     }
 
+    /// [`Map::insert`] with as many sites to spare after it.
+    fn insert_sparing(&mut self, contact: &Contact<S>, spare: usize) -> Insertion {
+        let Ok(contact) = contact.checked() else { return Insertion::Dropped };
+        let contact = &contact;
+        if let Training::Spheres(spheres) = self.training {
+            return self.defer(contact, &spheres);
+        }
+        let (sites, count) = self.sites_of(contact);
+        let rows = sites[..count].iter().map(|(site, ..)| site.rows()).sum();
+        let mut released = 0;
+        while !self.fits(count, rows, spare) {
+            let Some(leader) = self.most_redundant(contact) else {
+                if self.count == 0 {
+                    return Insertion::Dropped;
+                }
+                self.condense(contact);
+                return Insertion::Merged;
+            };
+            self.release(leader);
+            released += 1;
+        }
+        match self.append_contact(contact) {
+            Err(NotPositiveDefinite) => Insertion::Dropped,
+            Ok(()) if released > 0 => Insertion::Replaced(released),
+            Ok(()) => Insertion::Stored,
+        }
+    }
+
     /// Appends all sites of a contact, or none.
     fn append_contact(&mut self, contact: &Contact<S>) -> Result<(), NotPositiveDefinite> {
         let (count, rows) = (self.count, self.factor.rows());
@@ -514,30 +564,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     Map<S> for Gpis<S, K, P, SITES, ROWS, PACKED>
 {
     fn insert(&mut self, contact: &Contact<S>) -> Insertion {
-        let Ok(contact) = contact.checked() else { return Insertion::Dropped };
-        let contact = &contact;
-        if let Training::Spheres(spheres) = self.training {
-            return self.defer(contact, &spheres);
-        }
-        let (sites, count) = self.sites_of(contact);
-        let rows = sites[..count].iter().map(|(site, ..)| site.rows()).sum();
-        let mut released = 0;
-        while !self.fits(count, rows) {
-            let Some(leader) = self.most_redundant(contact) else {
-                if self.count == 0 {
-                    return Insertion::Dropped;
-                }
-                self.condense(contact);
-                return Insertion::Merged;
-            };
-            self.release(leader);
-            released += 1;
-        }
-        match self.append_contact(contact) {
-            Err(NotPositiveDefinite) => Insertion::Dropped,
-            Ok(()) if released > 0 => Insertion::Replaced(released),
-            Ok(()) => Insertion::Stored,
-        }
+        self.insert_sparing(contact, 0)
     }
 
     fn refit(&mut self) {
@@ -549,14 +576,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             self.rate_sites();
         }
         for site in &self.sites[..self.count + self.enclosing] {
-            let (mean, slope) = self.prior.mean(site.point);
-            let row = usize::from(site.row);
-            self.weights[row] = site.value - mean;
-            if site.slope {
-                for j in 0..S::DIMENSION {
-                    self.weights[row + 1 + j] = site.normal[j] - slope[j];
-                }
-            }
+            Self::residuals(&self.prior, site, &mut self.weights);
         }
         let weights = &mut self.weights[..self.factor.rows()];
         self.factor.forward(weights);
@@ -572,6 +592,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     }
 
     fn clear(&mut self) {
+        self.kernel = self.given;
         (self.count, self.enclosing) = (0, 0);
         self.factor.truncate(0);
         self.condensed = false;

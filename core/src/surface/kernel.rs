@@ -22,6 +22,9 @@ pub trait Kernel: Copy + Send + Sync + 'static {
     /// k alone, the same bits.
     fn value(&self, r2: f32) -> f32;
 
+    /// b′/r at the squared distance `r2`, with which ∇f has slopes (per metre to the fourth).
+    fn third(&self, r2: f32) -> f32;
+
     /// Variance of f: k(0), square metres.
     fn variance(&self) -> f32;
 
@@ -31,6 +34,10 @@ pub trait Kernel: Copy + Send + Sync + 'static {
     /// The same kernel with amplitude and lengths this many times as large: what the kernel is when
     /// its numbers were multiples of `unit` metres.
     fn scaled(&self, unit: f32) -> Self;
+
+    /// The same kernel with the amplitude this many times as large: how far the surface strays from its
+    /// prior mean.
+    fn rougher(&self, factor: f32) -> Self;
 
     /// How badly functions of this kernel interpolate. A point x that is the mean of random points X
     /// with E|X − x|² ≤ `spread`² (metres) has |E f(X) − f(x)| ≤ value·‖f‖ and
@@ -85,11 +92,20 @@ impl Kernel for SquaredExponential {
         self.amplitude * self.amplitude * math::exp(-0.5 * r2 * w)
     }
 
+    #[inline(always)]
+    fn third(&self, r2: f32) -> f32 {
+        -self.radial(r2).b / (self.lengthscale * self.lengthscale)
+    }
+
     fn scaled(&self, unit: f32) -> Self {
         SquaredExponential {
             amplitude: self.amplitude * unit,
             lengthscale: self.lengthscale * unit,
         }
+    }
+
+    fn rougher(&self, factor: f32) -> Self {
+        SquaredExponential { amplitude: self.amplitude * factor, ..*self }
     }
 
     #[inline(always)]
@@ -137,8 +153,19 @@ impl Kernel for Matern32 {
         self.radial(r2).k
     }
 
+    #[inline(always)]
+    fn third(&self, r2: f32) -> f32 {
+        let r2 = math::max(r2, NEAR);
+        let u = SQRT_3 / self.lengthscale * math::sqrt(r2);
+        -self.radial(r2).b * (u + 1.0) / r2
+    }
+
     fn scaled(&self, unit: f32) -> Self {
         Matern32 { amplitude: self.amplitude * unit, lengthscale: self.lengthscale * unit }
+    }
+
+    fn rougher(&self, factor: f32) -> Self {
+        Matern32 { amplitude: self.amplitude * factor, ..*self }
     }
 
     #[inline(always)]
@@ -194,8 +221,18 @@ impl Kernel for ThinPlate {
         self.amplitude * self.amplitude + scale * (r2 * (2.0 * r - 3.0 * self.range))
     }
 
+    #[inline(always)]
+    fn third(&self, r2: f32) -> f32 {
+        let r2 = math::max(r2, NEAR);
+        -self.radial(r2).b / r2
+    }
+
     fn scaled(&self, unit: f32) -> Self {
         ThinPlate { amplitude: self.amplitude * unit, range: self.range * unit }
+    }
+
+    fn rougher(&self, factor: f32) -> Self {
+        ThinPlate { amplitude: self.amplitude * factor, ..*self }
     }
 
     #[inline(always)]
@@ -233,6 +270,10 @@ mod tests {
         prop_assert!((f64::from(got.k) - k(r as f32)).abs() < 1e-6 * f64::from(kernel.variance()));
         prop_assert!((f64::from(got.a) - first / r).abs() < 0.01 * scale);
         prop_assert!((f64::from(got.b) * r * r - (second - first / r)).abs() < 0.03 * scale);
+        let b = |x: f64| f64::from(kernel.radial((x * x) as f32).b);
+        let third = (b(1.001 * r) - b(0.999 * r)) / (0.002 * r * r);
+        let got_third = f64::from(kernel.third((r * r) as f32));
+        prop_assert!((got_third / third - 1.0).abs() < 0.02, "{} {}", got_third, third);
         Ok(())
     }
 

@@ -9,6 +9,7 @@ pub mod grid;
 pub mod kernel;
 pub mod local;
 pub mod prior;
+pub mod revisable;
 
 pub use baked::Baked;
 pub use faces::{Face, Faces};
@@ -17,6 +18,7 @@ pub use grid::Grid;
 pub use kernel::{Kernel, Matern32, SquaredExponential, ThinPlate};
 pub use local::Local;
 pub use prior::{Ball, Constant, Ellipsoid, Polytope, Prior, Shape, SignedDistance};
+pub use revisable::{Bend, Revisable, Shared};
 
 use crate::contact::Contact;
 use crate::space::Space;

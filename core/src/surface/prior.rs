@@ -17,6 +17,20 @@ pub trait Prior<S: Space>: Copy + Send + Sync + 'static {
     /// Mean of f (metres) and of ∇f at `point` (object frame, metres).
     fn mean(&self, point: S::Vector) -> (f32, S::Vector);
 
+    /// Slopes of ∇f at `point`, one row per axis (per metre): by central differences unless the prior
+    /// knows better.
+    fn curvature(&self, point: S::Vector) -> [S::Vector; 3] {
+        const STEP: f32 = 1e-3;
+        let mut rows = [S::Vector::ZERO; 3];
+        for axis in 0..S::DIMENSION {
+            let mut step = S::Vector::ZERO;
+            step[axis] = STEP;
+            let rise = self.mean(point + step).1 - self.mean(point - step).1;
+            rows[axis] = rise * (0.5 / STEP);
+        }
+        rows
+    }
+
     /// How badly the mean interpolates: as [`Kernel::interpolation`](super::Kernel::interpolation),
     /// the largest errors themselves. Infinite where nothing is known.
     fn interpolation(&self, _spread: f32) -> (f32, f32) {
@@ -129,6 +143,14 @@ impl<S: Space> Prior<S> for Ball<S> {
         let d = point - self.centre;
         let curvature = 1.0 / self.radius;
         (0.5 * (d.norm_squared() * curvature - self.radius), d * curvature)
+    }
+
+    fn curvature(&self, _point: S::Vector) -> [S::Vector; 3] {
+        let mut rows = [S::Vector::ZERO; 3];
+        for axis in 0..S::DIMENSION {
+            rows[axis][axis] = 1.0 / self.radius;
+        }
+        rows
     }
 
     /// Of a square; its gradient is linear.

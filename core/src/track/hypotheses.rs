@@ -35,6 +35,7 @@ use crate::contact::{Contact, FreePoint, GraspView};
 use crate::math;
 use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
+use crate::track::automatic::{Evidence, log_sum, wild};
 use crate::track::{Estimate, Modes, MotionNoise, Observability, Separation, Status, Tracker};
 use hypothesis::{Hypothesis, Past, Work};
 use joint::Sparse;
@@ -146,6 +147,8 @@ pub struct Hypotheses<
     lost: u32,
     /// Radius that the object is thought not to exceed, metres.
     reach: f32,
+    /// Log density of the grasps so far, nats.
+    evidence: f32,
 }
 
 /// What became of the contacts of a grasp.
@@ -154,6 +157,8 @@ struct Outcome {
     corrected: bool,
     lost: bool,
     dropped: u16,
+    /// Log density of the contacts.
+    density: f32,
 }
 
 impl<
@@ -191,6 +196,7 @@ impl<
             started: false,
             lost: 0,
             reach: 0.0,
+            evidence: 0.0,
         }
     }
 
@@ -203,6 +209,7 @@ impl<
         self.started = false;
         self.lost = 0;
         self.reach = 0.0;
+        self.evidence = 0.0;
     }
 
     /// The faces of the best hypothesis, in the order they were first touched.
@@ -336,6 +343,7 @@ impl<
                 search.explain(work, prior, slot, &felt, &odds, roots, width);
             }
         }
+        let density = self.density();
         let Some(best) = self.search.leaves().first() else {
             return Outcome { lost: self.started, ..Outcome::default() };
         };
@@ -349,7 +357,15 @@ impl<
         let corrected = known > 0;
         let dropped = best.wild.into();
         self.select(count, grasp.free, wider);
-        Outcome { corrected, lost: false, dropped }
+        Outcome { corrected, lost: false, dropped, density }
+    }
+
+    /// Log density of what was just explained, over all hypotheses and explanations.
+    fn density(&self) -> f32 {
+        let all = |logs: &mut dyn Iterator<Item = f32>| logs.fold(f32::NEG_INFINITY, log_sum);
+        let before =
+            self.order[..self.count].iter().map(|slot| self.slots[usize::from(*slot)].weight);
+        all(&mut self.search.leaves().iter().map(|leaf| leaf.node.score)) - all(&mut { before })
     }
 
     /// Replaces the hypotheses by the best explanations.
@@ -656,10 +672,15 @@ impl<
             let part = self.absorb(count, &grasp);
             outcome.dropped = outcome.dropped.saturating_add(part.dropped);
             outcome.corrected |= part.corrected && begun;
+            outcome.density += part.density;
             if part.lost {
                 outcome.lost = !outcome.corrected;
                 break;
             }
+        }
+        if begun {
+            self.evidence +=
+                if outcome.lost { good(&grasp).map(|c| wild(&c)).sum() } else { outcome.density };
         }
         if contacts > 0 {
             self.lost = if outcome.lost { self.lost.saturating_add(1) } else { 0 };
@@ -721,5 +742,19 @@ impl<
             pose = past(earlier)?.smoothed(past(earlier + 1)?, &pose);
         }
         Some(pose)
+    }
+}
+
+impl<
+    S: Chart,
+    const K: usize,
+    const FACES: usize,
+    const ROWS: usize,
+    const PACKED: usize,
+    const GRASPS: usize,
+> Evidence<S> for Hypotheses<S, K, FACES, ROWS, PACKED, GRASPS>
+{
+    fn evidence(&self) -> f32 {
+        self.evidence
     }
 }

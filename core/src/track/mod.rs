@@ -1,6 +1,8 @@
 //! From grasps to a belief over the object's pose, and the shape it implies.
 
+pub mod automatic;
 pub mod bootstrap;
+pub mod curved;
 pub mod hypotheses;
 pub mod likelihood;
 pub mod modes;
@@ -9,7 +11,9 @@ pub mod observability;
 pub mod particles;
 pub mod rao_blackwell;
 
+pub use automatic::{Automatic, Evidence, Meant};
 pub use bootstrap::{Bootstrap, Gate, Settings};
+pub use curved::Curved;
 pub use hypotheses::Hypotheses;
 pub use modes::{Mode, Modes, Separation};
 pub use motion::MotionNoise;

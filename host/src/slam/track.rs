@@ -3,12 +3,13 @@
 use nalgebra::Matrix6;
 use tactile_core::contact::{Contact, FreePoint, GraspView};
 use tactile_core::matrix::Square;
-use tactile_core::space::{Planar, Spatial};
+use tactile_core::space::{Planar, Space, Spatial};
 use tactile_core::surface::cholesky::packed;
-use tactile_core::surface::{Baked, Ball, Gpis, Matern32, Prior, Training};
+use tactile_core::surface::{Baked, Ball, Ellipsoid, Gpis, Matern32, Prior, Training};
+use tactile_core::track::curved::{self, Curved};
 use tactile_core::track::hypotheses::{self, Hypotheses};
 use tactile_core::track::{
-    Bootstrap, Estimate, MotionNoise, RaoBlackwell, Settings, Status, Tracker,
+    Automatic, Bootstrap, Estimate, MotionNoise, RaoBlackwell, Settings, Status, Tracker,
 };
 use tactile_core::wire::TrackerKind;
 
@@ -38,6 +39,32 @@ type BakedMap = Baked<Planar, PlanarMap, { NODES * NODES }>;
 type SpatialMap =
     Gpis<Spatial, Matern32, Ball<Spatial>, CONTACTS, { 4 * CONTACTS }, { packed(4 * CONTACTS) }>;
 
+/// Trajectories of the curved tracker; the grasps and contacts it keeps to revise; and the contacts of its
+/// map, among them those of older grasps that are settled.
+const TRAJECTORIES: usize = 12;
+const REVISED: usize = 24;
+const REVISED_CONTACTS: usize = 112;
+const CURVED: usize = 144;
+
+/// A curved object in the plane.
+type PlanarCurved = Curved<
+    Planar,
+    Gpis<Planar, Matern32, Ellipsoid<Planar>, CURVED, { 3 * CURVED }, { packed(3 * CURVED) }>,
+    TRAJECTORIES,
+    REVISED,
+    REVISED_CONTACTS,
+    { 3 * CURVED },
+>;
+
+/// A curved object in space.
+type SpatialCurved = Curved<
+    Spatial,
+    Gpis<Spatial, Matern32, Ellipsoid<Spatial>, CURVED, { 4 * CURVED }, { packed(4 * CURVED) }>,
+    TRAJECTORIES,
+    REVISED,
+    REVISED_CONTACTS,
+    { 4 * CURVED },
+>;
 /// Hypotheses of the host, the faces of each, and the grasps that each remembers.
 const HYPOTHESES: usize = 12;
 const FACES: usize = 20;
@@ -127,10 +154,15 @@ pub fn six_by_six<S: Bridge>(core: &S::Covariance) -> Matrix6<f64> {
 pub enum Kind {
     /// Bootstrap particle filter over one shared map (thesis 3.3.1, corrected)
     Bootstrap,
+    /// A few trajectories over one Gaussian-process surface, for curved objects
+    Curved,
     /// Multi-hypothesis iterated Kalman filter over pose and faces
     Hypotheses,
     /// Rao-Blackwellised particle filter: 64 particles, each with its own faces
     RaoBlackwell,
+    /// `hypotheses` and `curved` side by side: the one that foretells the grasps better
+    #[value(name = "auto")]
+    Automatic,
 }
 
 impl Kind {
@@ -138,8 +170,10 @@ impl Kind {
     pub fn name(self) -> &'static str {
         match self {
             Kind::Bootstrap => "bootstrap",
+            Kind::Curved => "curved",
             Kind::Hypotheses => "hypotheses",
             Kind::RaoBlackwell => "rao-blackwell",
+            Kind::Automatic => "auto",
         }
     }
 
@@ -149,6 +183,7 @@ impl Kind {
             Kind::Bootstrap => Some(TrackerKind::Bootstrap),
             Kind::Hypotheses => Some(TrackerKind::Hypotheses),
             Kind::RaoBlackwell => Some(TrackerKind::RaoBlackwell),
+            Kind::Curved | Kind::Automatic => None,
         }
     }
 
@@ -157,8 +192,10 @@ impl Kind {
     pub fn follow(self, log: &GraspLog, seed: u64) -> Vec<Step> {
         match self {
             Kind::Bootstrap => bootstrap(log, &settings(log, seed)),
+            Kind::Curved => curved(log, settings(log, seed).motion),
             Kind::Hypotheses => several_hypotheses(log, settings(log, seed).motion),
             Kind::RaoBlackwell => rao_blackwell(log, &settings(log, seed)),
+            Kind::Automatic => automatic(log, settings(log, seed).motion),
         }
     }
 }
@@ -197,6 +234,56 @@ pub fn bootstrap(log: &GraspLog, settings: &Settings) -> Vec<Step> {
             Box::new(Bootstrap::<Spatial, SpatialMap, SPATIAL_PARTICLES>::new(SpatialMap::new()));
         tracker.map_mut().configure(KERNEL, Ball::UNSET, Training::Normals);
         tracker.configure(*settings);
+        follow(&mut *tracker, log)
+    }
+}
+
+/// Follows a curved object through the log: one step per grasp, the same on every machine.
+pub fn curved(log: &GraspLog, motion: MotionNoise) -> Vec<Step> {
+    if log.dimension == 2 {
+        let mut tracker = Box::new(PlanarCurved::new(Gpis::new()));
+        expect_curved(&mut tracker, motion);
+        follow(&mut *tracker, log)
+    } else {
+        let mut tracker = Box::new(SpatialCurved::new(Gpis::new()));
+        expect_curved(&mut tracker, motion);
+        follow(&mut *tracker, log)
+    }
+}
+
+/// Sets the model of a curved tracker.
+fn expect_curved<
+    S: Space,
+    P: Prior<S>,
+    const SITES: usize,
+    const ROWS: usize,
+    const PACKED: usize,
+    const K: usize,
+    const GRASPS: usize,
+    const TOUCHES: usize,
+>(
+    tracker: &mut Curved<S, Gpis<S, Matern32, P, SITES, ROWS, PACKED>, K, GRASPS, TOUCHES, ROWS>,
+    motion: MotionNoise,
+) {
+    tracker.map_mut().configure(KERNEL, P::UNSET, Training::Normals);
+    tracker.configure(curved::Settings { motion, ..curved::Settings::DEFAULT });
+}
+
+/// Follows an object of which nobody knows whether it is curved: one step per grasp, the same on
+/// every machine.
+pub fn automatic(log: &GraspLog, motion: MotionNoise) -> Vec<Step> {
+    let faces = hypotheses::Settings { motion, ..hypotheses::Settings::DEFAULT };
+    if log.dimension == 2 {
+        let mut tracker =
+            Box::new(Automatic::new(PlanarHypotheses::new(), PlanarCurved::new(Gpis::new())));
+        tracker.first_mut().configure(faces);
+        expect_curved(tracker.second_mut(), motion);
+        follow(&mut *tracker, log)
+    } else {
+        let mut tracker =
+            Box::new(Automatic::new(SpatialHypotheses::new(), SpatialCurved::new(Gpis::new())));
+        tracker.first_mut().configure(faces);
+        expect_curved(tracker.second_mut(), motion);
         follow(&mut *tracker, log)
     }
 }

@@ -374,6 +374,9 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     pub(super) fn rate_sites(&mut self) {
         for index in 0..self.count {
             let site = self.sites[index];
+            if site.shared {
+                continue;
+            }
             let rows = usize::from(site.row)..usize::from(site.row) + site.rows();
             let (mut value, mut slope) = (0.0, 0.0f32);
             for i in rows.clone() {

@@ -108,7 +108,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         let followers = if contact.normal.is_some() && spheres.offset.is_some() { 2u8 } else { 0 };
         let sites = 1 + usize::from(followers) + spheres.points();
         let mut released = 0;
-        while !self.fits(sites, sites) {
+        while !self.fits(sites, sites, 0) {
             let Some(leader) = self.most_redundant(contact) else { return Insertion::Dropped };
             let after = leader + 1 + usize::from(self.sites[leader].followers);
             self.sites.copy_within(after..self.count, leader);

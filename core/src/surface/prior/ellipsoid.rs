@@ -224,6 +224,14 @@ impl Triangle {
 impl<S: Space> Prior<S> for Ellipsoid<S> {
     const UNSET: Self = Ellipsoid { centre: S::Vector::ZERO, curvature: Matrix::ZERO, height: 0.0 };
 
+    fn curvature(&self, _point: S::Vector) -> [S::Vector; 3] {
+        let mut rows = [S::Vector::ZERO; 3];
+        for (i, row) in rows[..S::DIMENSION].iter_mut().enumerate() {
+            *row = S::Vector::from_fn(|j| self.curvature.at(i, j));
+        }
+        rows
+    }
+
     /// Of a quadratic whose curvature is at most the Frobenius norm of B; its gradient is linear.
     fn interpolation(&self, spread: f32) -> (f32, f32) {
         let mut squares = 0.0;

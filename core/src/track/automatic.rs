@@ -1,0 +1,170 @@
+//! Which model is meant: two trackers side by side on the same grasps, and the one that foretells them
+//! better speaks.
+//!
+//! # The measurement density
+//!
+//! Trackers are compared by the density they gave to each grasp before they learnt it, all
+//! their earlier grasps known and the pose marginalised over what the motion leaves open: the product over
+//! the grasps is the evidence of the model (prequential likelihood; Dawid 1984), and the ratio of two
+//! is their Bayes factor. That holds for densities of the *same* numbers only. They are, for each usable
+//! contact of a grasp after the first,
+//!
+//! ```text
+//! d   distance of the contact from the surface along the surface's normal     metres
+//! α   deviation of the felt normal from it, one angle per axis                radians (1 in the plane, 2 in space)
+//! ```
+//!
+//! with the density in 1/m · 1/rad per axis, constants included: N(e; 0, S) has (2π)^(−k/2) det S^(−½).
+//! A contact without a normal gives d alone. The first grasp fixes the frame of both models and counts in
+//! neither; an empty grasp counts nothing; bad contacts count nowhere. A contact that no part of the model
+//! explains has the density of [`wild`]: anywhere along 120 mm, in any direction (1/2π per radian, 1/4π
+//! per steradian), times the probability that the model gives to such a contact (a new face, an
+//! outlier). A lost grasp counts as wild in all its contacts: it was not learnt, but it was not foretold
+//! either.
+//!
+//! A model that holds several hypotheses gives the sum of their densities weighed by their
+//! weights before the grasp.
+
+use crate::contact::{Contact, GraspView};
+use crate::math;
+use crate::space::Space;
+use crate::track::{Estimate, MotionNoise, Tracker};
+
+/// The length along a surface's normal over which a wild contact may lie, metres.
+pub const REACH: f32 = 0.12;
+
+/// Log density of a contact that no part of the model explains: see the module.
+pub fn wild<S: Space>(contact: &Contact<S>) -> f32 {
+    /// −ln 0.12, −ln 2π, −ln 4π.
+    const PLACE: f32 = 2.120_263_5;
+    const PLANAR: f32 = -1.837_877_1;
+    const SPATIAL: f32 = -2.531_024_2;
+    let direction = if S::DIMENSION == 2 { PLANAR } else { SPATIAL };
+    PLACE + if contact.normal.is_some() { direction } else { 0.0 }
+}
+
+/// ln(eᵃ + eᵇ).
+pub(crate) fn log_sum(a: f32, b: f32) -> f32 {
+    let (most, least) = if a > b { (a, b) } else { (b, a) };
+    if least == f32::NEG_INFINITY { most } else { most + math::ln(1.0 + math::exp(least - most)) }
+}
+
+/// A tracker that says how well it foretold what was felt.
+pub trait Evidence<S: Space>: Tracker<S> {
+    /// Log density of all grasps after the first, each given those before: the sum since the last reset
+    /// (natural logarithm; see the [module](self)).
+    fn evidence(&self) -> f32;
+}
+
+/// Which of two models is meant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Meant {
+    /// The first.
+    #[default]
+    First,
+    /// The second.
+    Second,
+}
+
+/// Two trackers side by side. Both learn every grasp; the estimate is that of the one whose evidence is
+/// higher, where the other must be ahead by [`Self::MARGIN`] nats before it is heard. Nothing restarts: each
+/// has its own poses from the beginning, about the same object frame, since both fix it at the
+/// centroid of the first contacts.
+///
+/// [`recall`](Tracker::recall) answers with the trajectory of the model that is meant now.
+#[derive(Clone, Debug)]
+pub struct Automatic<A, B> {
+    first: A,
+    second: B,
+    meant: Meant,
+}
+
+impl<A, B> Automatic<A, B> {
+    /// Nats (a Bayes factor of twenty: "strong", Kass & Raftery 1995) by which the other model must
+    /// be ahead.
+    pub const MARGIN: f32 = 3.0;
+
+    /// `first` speaks until `second` is ahead.
+    pub const fn new(first: A, second: B) -> Self {
+        Automatic { first, second, meant: Meant::First }
+    }
+
+    /// Which model is meant.
+    pub fn meant(&self) -> Meant {
+        self.meant
+    }
+
+    /// The first tracker.
+    pub fn first(&self) -> &A {
+        &self.first
+    }
+
+    /// The first tracker, to configure it; [`Tracker::reset`] afterwards.
+    pub fn first_mut(&mut self) -> &mut A {
+        &mut self.first
+    }
+
+    /// The second tracker.
+    pub fn second(&self) -> &B {
+        &self.second
+    }
+
+    /// The second tracker, to configure it; [`Tracker::reset`] afterwards.
+    pub fn second_mut(&mut self) -> &mut B {
+        &mut self.second
+    }
+
+    /// Evidence of the second model over the first, nats.
+    pub fn advantage<S: Space>(&self) -> f32
+    where
+        A: Evidence<S>,
+        B: Evidence<S>,
+    {
+        self.second.evidence() - self.first.evidence()
+    }
+}
+
+impl<S: Space, A: Evidence<S>, B: Evidence<S>> Tracker<S> for Automatic<A, B> {
+    fn update(&mut self, motion: Option<&S::Pose>, grasp: GraspView<'_, S>) -> Estimate<S> {
+        let first = self.first.update(motion, grasp);
+        let second = self.second.update(motion, grasp);
+        let ahead = self.advantage::<S>();
+        match self.meant {
+            Meant::First if ahead > Self::MARGIN => self.meant = Meant::Second,
+            Meant::Second if ahead < -Self::MARGIN => self.meant = Meant::First,
+            _ => {}
+        }
+        match self.meant {
+            Meant::First => first,
+            Meant::Second => second,
+        }
+    }
+
+    fn reset(&mut self, seed: u64) {
+        self.first.reset(seed);
+        self.second.reset(seed);
+        self.meant = Meant::First;
+    }
+
+    fn set_motion_noise(&mut self, noise: MotionNoise) {
+        self.first.set_motion_noise(noise);
+        self.second.set_motion_noise(noise);
+    }
+
+    fn recall(&self, grasp: u32) -> Option<S::Pose> {
+        match self.meant {
+            Meant::First => self.first.recall(grasp),
+            Meant::Second => self.second.recall(grasp),
+        }
+    }
+}
+
+impl<S: Space, A: Evidence<S>, B: Evidence<S>> Evidence<S> for Automatic<A, B> {
+    /// Of the model that is meant.
+    fn evidence(&self) -> f32 {
+        match self.meant {
+            Meant::First => self.first.evidence(),
+            Meant::Second => self.second.evidence(),
+        }
+    }
+}

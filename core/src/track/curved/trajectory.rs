@@ -1,0 +1,507 @@
+//! The poses of the remembered grasps as one trajectory: how the motion ties them together, what
+//! their contacts say about them through the surface that all contacts share, and where they go from
+//! there.
+
+use core::ops::Range;
+
+use super::memory::{Memory, Move, Touch};
+use super::small::{carried, product, times, transposed_times};
+use crate::contact::Contact;
+use crate::math;
+use crate::matrix::{Coordinates, Square};
+use crate::space::{Pose, Space};
+use crate::surface::cholesky::{Cholesky, packed};
+use crate::surface::{Bend, Revisable, Shared};
+use crate::track::likelihood::FREEDOM;
+
+/// Rows of one contact at most: value and three slopes.
+pub(super) const PARTS: usize = 4;
+
+/// Longest step of one iteration: metres and radians.
+const LONGEST: (f32, f32) = (0.03, 0.4);
+
+/// Contacts trusted more than this are trusted fully: Student's t of contacts that fit would blunt them.
+const FITS: f32 = 0.5;
+
+/// Largest factor on the variance of a contact's noise.
+const WILDEST: f32 = 1e4;
+
+/// What a hypothesis holds of one contact.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Belief<S: Space> {
+    /// The surface there.
+    pub bend: Bend<S>,
+    /// Factors on the variance of point and normal, 1 for a contact that fits.
+    pub scale: [f32; 2],
+    /// Student's weight, 1 for a contact that fits.
+    pub trust: f32,
+}
+
+impl<S: Space> Belief<S> {
+    pub const UNSET: Self = Belief {
+        bend: Bend { gradient: S::Vector::ZERO, curvature: [S::Vector::ZERO; 3] },
+        scale: [0.0; 2],
+        trust: 0.0,
+    };
+
+    pub fn new(bend: Bend<S>) -> Self {
+        Belief { bend, scale: [1.0; 2], trust: 1.0 }
+    }
+
+    /// What the doubt costs: the log density of Student's t against that of the normal distribution of
+    /// the noise that the contact is given, whose constants hardly depend on the number of rows.
+    fn price(&self) -> f32 {
+        const CONSTANT: f32 = 0.3;
+        if self.trust < 1.0 {
+            0.5 * FREEDOM * (math::ln(self.trust) - self.trust + 1.0) - CONSTANT
+        } else {
+            0.0
+        }
+    }
+}
+
+/// A trajectory with what it makes of the contacts.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Hypothesis<S: Space, const GRASPS: usize, const CONTACTS: usize> {
+    /// Pose before the oldest remembered grasp, where there was one.
+    pub base: S::Pose,
+    /// Of every remembered grasp, given all.
+    pub poses: [S::Pose; GRASPS],
+    /// The same when everything was last made linear about them.
+    pub about: [S::Pose; GRASPS],
+    /// Index of the hypothesis it grew from.
+    pub parent: u16,
+    pub beliefs: [Belief<S>; CONTACTS],
+    /// Log density of all remembered contacts, their poses marginalised (Laplace).
+    pub evidence: f32,
+    /// Covariance of the last pose.
+    pub covariance: S::Covariance,
+    pub weight: f32,
+}
+
+impl<S: Space, const GRASPS: usize, const CONTACTS: usize> Hypothesis<S, GRASPS, CONTACTS> {
+    pub const UNSET: Self = Hypothesis {
+        base: S::Pose::UNSET,
+        poses: [S::Pose::UNSET; GRASPS],
+        about: [S::Pose::UNSET; GRASPS],
+        parent: 0,
+        beliefs: [Belief::UNSET; CONTACTS],
+        evidence: 0.0,
+        covariance: S::Covariance::ZERO,
+        weight: 0.0,
+    };
+
+    /// What those of these contacts cost that do not fit.
+    pub fn price(&self, contacts: Range<usize>) -> f32 {
+        self.beliefs[contacts].iter().map(Belief::price).sum()
+    }
+}
+
+/// How one grasp's pose follows from those before: x = x̂ ⊕ (offset + transport·η), where x̂ is the pose
+/// about which everything is linear, and η is a random walk with the covariance `common`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Link<S: Space> {
+    offset: S::Tangent,
+    transport: S::Covariance,
+    common: S::Covariance,
+}
+
+impl<S: Space> Link<S> {
+    const UNSET: Self = Link {
+        offset: S::Tangent::ZERO,
+        transport: S::Covariance::ZERO,
+        common: S::Covariance::ZERO,
+    };
+
+    /// A pose known up to `covariance`.
+    fn first(covariance: &S::Covariance) -> Self {
+        Link { offset: S::Tangent::ZERO, transport: S::Covariance::IDENTITY, common: *covariance }
+    }
+
+    /// The next link, from the pose `from` to `to`.
+    fn next(&self, from: &S::Pose, moved: &Move<S>, to: &S::Pose) -> Self {
+        let predicted = moved.motion.compose(from);
+        let apart = to.local(&predicted);
+        // The derivative of `to.local(predicted ⊕ δ)`.
+        const STEP: f32 = 1.0 / 64.0;
+        let mut turn = S::Covariance::ZERO;
+        for axis in 0..S::FREEDOM {
+            let mut step = S::Tangent::ZERO;
+            step[axis] = STEP;
+            let ahead = to.local(&predicted.retract(step));
+            step[axis] = -STEP;
+            let behind = to.local(&predicted.retract(step));
+            for i in 0..S::FREEDOM {
+                *turn.at_mut(i, axis) = (ahead[i] - behind[i]) * (0.5 / STEP);
+            }
+        }
+        let mut common = self.common;
+        for axis in 0..S::FREEDOM {
+            *common.at_mut(axis, axis) += moved.drift.along::<S>(axis);
+        }
+        Link {
+            offset: apart + times::<S>(&turn, self.offset),
+            transport: product::<S>(&turn, &self.transport),
+            common,
+        }
+    }
+}
+
+/// Where everything remembered meets the map: the workspace for one hypothesis at a time.
+#[derive(Clone, Debug)]
+pub(super) struct Trajectory<
+    S: Space,
+    const GRASPS: usize,
+    const CONTACTS: usize,
+    const ROWS: usize,
+> {
+    links: [Link<S>; GRASPS],
+    /// Of every row of the map with noise in common: what a change of η does to it, and its covariance
+    /// with η.
+    levers: [S::Tangent; ROWS],
+    spreads: [S::Tangent; ROWS],
+    /// Scratch: the covariances with the last pose, whitened.
+    whitened: [S::Tangent; ROWS],
+    /// Of every contact: its first row (counted from the first in common) and how many.
+    rows: [(u16, u8); CONTACTS],
+    /// Rows in use.
+    used: usize,
+    /// Grasps and contacts placed.
+    grasps: usize,
+    contacts: usize,
+}
+
+impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
+    Trajectory<S, GRASPS, CONTACTS, ROWS>
+{
+    pub const fn new() -> Self {
+        Trajectory {
+            links: [Link::UNSET; GRASPS],
+            levers: [S::Tangent::ZERO; ROWS],
+            spreads: [S::Tangent::ZERO; ROWS],
+            whitened: [S::Tangent::ZERO; ROWS],
+            rows: [(0, 0); CONTACTS],
+            used: 0,
+            grasps: 0,
+            contacts: 0,
+        }
+    }
+
+    /// Places the contacts of the first `grasps` grasps as the hypothesis has them, in the map above its first `since`
+    /// rows. `base` is the covariance of the pose before the oldest grasp; `None` where the oldest grasp
+    /// fixes the frame.
+    pub fn place<M: Revisable<S>>(
+        &mut self,
+        map: &mut M,
+        since: usize,
+        base: Option<&S::Covariance>,
+        memory: &Memory<S, GRASPS, CONTACTS>,
+        hypothesis: &Hypothesis<S, GRASPS, CONTACTS>,
+        grasps: usize,
+    ) {
+        map.withdraw(since);
+        (self.used, self.grasps, self.contacts) = (0, 0, 0);
+        for grasp in 0..grasps.min(memory.grasps().len()) {
+            self.append(map, since, base, memory, hypothesis, grasp);
+        }
+        map.refit();
+    }
+
+    /// Places one grasp more.
+    pub fn append<M: Revisable<S>>(
+        &mut self,
+        map: &mut M,
+        since: usize,
+        base: Option<&S::Covariance>,
+        memory: &Memory<S, GRASPS, CONTACTS>,
+        hypothesis: &Hypothesis<S, GRASPS, CONTACTS>,
+        grasp: usize,
+    ) {
+        let Some(remembered) = memory.grasps().get(grasp) else { return };
+        let pose = &hypothesis.about[grasp];
+        let link = match (grasp.checked_sub(1), base) {
+            (None, None) => Link::first(&S::Covariance::ZERO),
+            (None, Some(covariance)) => {
+                Link::first(covariance).next(&hypothesis.base, &remembered.moved, pose)
+            }
+            (Some(before), _) => {
+                self.links[before].next(&hypothesis.about[before], &remembered.moved, pose)
+            }
+        };
+        self.links[grasp] = link;
+        for index in remembered.touches() {
+            let (touch, belief) = (&memory.touches()[index], &hypothesis.beliefs[index]);
+            let contact = scaled(touch, belief).seen_from(pose);
+            let count = self.row_levers(&contact, belief, &link);
+            let shared = self.shared(&contact, belief, &link, since, count);
+            let taken = map.append(&contact, &shared);
+            self.rows[index] = (self.used as u16, taken as u8);
+            self.used += taken;
+            self.contacts = index + 1;
+        }
+        self.grasps = grasp + 1;
+    }
+
+    /// Takes back all grasps from this one on.
+    pub fn withdraw<M: Revisable<S>>(
+        &mut self,
+        map: &mut M,
+        since: usize,
+        memory: &Memory<S, GRASPS, CONTACTS>,
+        grasp: usize,
+    ) {
+        let Some(remembered) = memory.grasps().get(grasp) else { return };
+        let first = remembered.touches().start;
+        let rows = &self.rows[first..self.contacts.max(first)];
+        self.used = rows.first().map_or(self.used, |(row, _)| usize::from(*row));
+        (self.grasps, self.contacts) = (grasp, first);
+        map.withdraw(since + self.used);
+    }
+
+    /// Writes lever and spread of a contact's rows; how many it has.
+    fn row_levers(&mut self, contact: &Contact<S>, belief: &Belief<S>, link: &Link<S>) -> usize {
+        let count = if contact.normal.is_some() { 1 + S::DIMENSION } else { 1 };
+        for part in 0..count {
+            let own = lever(contact, &belief.bend, part);
+            let walked = transposed_times::<S>(&link.transport, own);
+            if let Some(lever) = self.levers.get_mut(self.used + part) {
+                *lever = walked;
+                self.spreads[self.used + part] = times::<S>(&link.common, walked);
+            }
+        }
+        count
+    }
+
+    /// What the map needs to know of it.
+    fn shared(
+        &self,
+        contact: &Contact<S>,
+        belief: &Belief<S>,
+        link: &Link<S>,
+        since: usize,
+        count: usize,
+    ) -> Shared<'_, S> {
+        let mut offset = [0.0; PARTS];
+        for (part, offset) in offset[..count].iter_mut().enumerate() {
+            *offset = lever(contact, &belief.bend, part).dot(link.offset);
+        }
+        let end = self.used + count;
+        Shared {
+            offset,
+            lever: self.levers.get(self.used..end).unwrap_or(&[]),
+            spread: self.spreads.get(..end).unwrap_or(&[]),
+            since,
+        }
+    }
+
+    /// Moves the poses to where they are most likely given all contacts and motions, to first order:
+    /// the posterior mean of the Gaussian process of which they are part. How far the farthest then is from
+    /// where it was made linear, in standard lengths of 1 mm and 10 mrad.
+    pub fn settle<M: Revisable<S>>(
+        &self,
+        map: &M,
+        since: usize,
+        memory: &Memory<S, GRASPS, CONTACTS>,
+        hypothesis: &mut Hypothesis<S, GRASPS, CONTACTS>,
+    ) -> f32 {
+        let weights = map.weights().get(since..).unwrap_or(&[]);
+        let sum = |rows: &[S::Tangent], contacts: Range<usize>| {
+            let mut sum = S::Tangent::ZERO;
+            for (first, count) in &self.rows[contacts] {
+                let first = usize::from(*first);
+                for row in first..first + usize::from(*count) {
+                    sum += rows[row] * weights.get(row).copied().unwrap_or(0.0);
+                }
+            }
+            sum
+        };
+        // η of a grasp: what grasps up to it say through what is common to them, and later ones by all.
+        let mut later = sum(&self.levers, 0..self.contacts);
+        let mut earlier = S::Tangent::ZERO;
+        let mut longest = 0.0f32;
+        for (grasp, remembered) in memory.grasps()[..self.grasps].iter().enumerate() {
+            let link = &self.links[grasp];
+            later += -sum(&self.levers, remembered.touches());
+            earlier += sum(&self.spreads, remembered.touches());
+            let walk = earlier + times::<S>(&link.common, later);
+            let step = bounded::<S>(link.offset + times::<S>(&link.transport, walk));
+            if !step.is_finite() {
+                continue;
+            }
+            for axis in 0..S::FREEDOM {
+                let unit = if axis < S::DIMENSION { 1e3 } else { 1e2 };
+                longest = math::max(step[axis].abs() * unit, longest);
+            }
+            hypothesis.poses[grasp] = hypothesis.about[grasp].retract(step);
+        }
+        longest
+    }
+
+    /// Posterior covariance of the last pose placed.
+    pub fn covariance<M: Revisable<S>>(&mut self, map: &M, since: usize) -> S::Covariance {
+        let Some(link) = self.grasps.checked_sub(1).map(|last| self.links[last]) else {
+            return S::Covariance::ZERO;
+        };
+        let mut column = [0.0; ROWS];
+        let used = map.rows().min(ROWS).saturating_sub(since).min(self.used);
+        for axis in 0..S::FREEDOM {
+            column.fill(0.0);
+            for row in 0..used {
+                column[since + row] = self.spreads[row][axis];
+            }
+            map.whiten(since, &mut column);
+            for row in 0..used {
+                self.whitened[row][axis] = column[since + row];
+            }
+        }
+        let mut covariance = link.common;
+        for row in &self.whitened[..used] {
+            covariance.add_outer(-1.0, *row, *row);
+        }
+        for axis in 0..S::FREEDOM {
+            // Rounding must not take more than there is.
+            let least = 1e-5 * link.common.at(axis, axis);
+            let variance = covariance.at_mut(axis, axis);
+            *variance = math::max(*variance, least);
+        }
+        carried::<S>(&link.transport, &covariance)
+    }
+
+    /// Makes everything linear about the poses as they are now: asks the surface that all contacts make
+    /// about each of them.
+    pub fn relinearise<M: Revisable<S>>(
+        &self,
+        map: &M,
+        memory: &Memory<S, GRASPS, CONTACTS>,
+        hypothesis: &mut Hypothesis<S, GRASPS, CONTACTS>,
+    ) {
+        for (grasp, remembered) in memory.grasps()[..self.grasps].iter().enumerate() {
+            let pose = hypothesis.poses[grasp];
+            hypothesis.about[grasp] = pose;
+            for index in remembered.touches() {
+                let point = pose.untransform(memory.touches()[index].point);
+                hypothesis.beliefs[index].bend = map.bend(point);
+            }
+        }
+    }
+
+    /// Compares each contact with what all others say, and trusts it accordingly: Student's t with
+    /// four degrees of freedom as a normal distribution of uncertain scale. Whether any of `contacts` is
+    /// doubted.
+    pub fn doubt<M: Revisable<S>>(
+        &self,
+        map: &M,
+        since: usize,
+        memory: &Memory<S, GRASPS, CONTACTS>,
+        hypothesis: &mut Hypothesis<S, GRASPS, CONTACTS>,
+        contacts: Range<usize>,
+    ) -> bool {
+        let mut doubted = false;
+        for index in contacts.start..contacts.end.min(self.contacts) {
+            let (first, count) = self.rows[index];
+            let (first, count) = (since + usize::from(first), usize::from(count));
+            let belief = &mut hypothesis.beliefs[index];
+            doubt_one(map, &memory.touches()[index], first, count, belief);
+            doubted |= belief.trust < 1.0;
+        }
+        doubted
+    }
+}
+
+/// The residual of a contact's rows given all others follows from the inverse covariance
+/// (Rasmussen & Williams 2006, 5.12).
+fn doubt_one<S: Space, M: Revisable<S>>(
+    map: &M,
+    touch: &Touch<S>,
+    first: usize,
+    count: usize,
+    belief: &mut Belief<S>,
+) {
+    let Some(precision) = map.precision::<PARTS>(first, count) else { return };
+    let Some(weights) = map.weights().get(first..first + count) else { return };
+    let mut inverse = [[0.0; PARTS]; PARTS];
+    let mut residual = [0.0; PARTS];
+    let mut factor = Cholesky::<PARTS, { packed(PARTS) }>::new();
+    for row in &precision[..count] {
+        let staged = factor.stage(0);
+        let n = staged.len();
+        staged.copy_from_slice(&row[..n]);
+        if factor.append().is_err() {
+            return;
+        }
+    }
+    for axis in 0..count {
+        inverse[axis][axis] = 1.0;
+        factor.forward(&mut inverse[axis]);
+        factor.backward(&mut inverse[axis]);
+        residual[axis] = inverse[axis].iter().zip(weights).map(|(a, b)| a * b).sum();
+    }
+    // As if the contact had its usual noise.
+    let usual = |part: usize| {
+        let deviation = if part == 0 { touch.point_deviation } else { touch.normal_deviation };
+        deviation * deviation
+    };
+    let mut spread = Cholesky::<PARTS, { packed(PARTS) }>::new();
+    for (part, row) in inverse[..count].iter().enumerate() {
+        let staged = spread.stage(0);
+        let n = staged.len();
+        staged.copy_from_slice(&row[..n]);
+        staged[part] -= (belief.scale[part.min(1)] - 1.0) * usual(part);
+        staged[part] = math::max(staged[part], usual(part));
+        if spread.append().is_err() {
+            return;
+        }
+    }
+    let mut whitened = residual;
+    spread.forward(&mut whitened);
+    let squared: f32 = whitened[..count].iter().map(|v| v * v).sum();
+    let trust = (FREEDOM + count as f32) / (FREEDOM + squared);
+    let trust = if trust > FITS { 1.0 } else { trust };
+    let excess = 1.0 / trust - 1.0;
+    let mut scale = [1.0f32; 2];
+    for part in 0..count {
+        let expected = inverse[part][part] - (belief.scale[part.min(1)] - 1.0) * usual(part);
+        let more = 1.0 + excess * math::max(expected, usual(part)) / usual(part);
+        let kind = part.min(1);
+        scale[kind] = math::max(scale[kind], math::min(more, WILDEST));
+    }
+    (belief.trust, belief.scale) = (trust, scale);
+}
+
+/// The touch with its noise as the hypothesis believes it.
+pub(super) fn scaled<S: Space>(touch: &Touch<S>, belief: &Belief<S>) -> Touch<S> {
+    Touch {
+        point_deviation: touch.point_deviation * math::sqrt(belief.scale[0]),
+        normal_deviation: touch.normal_deviation * math::sqrt(belief.scale[1]),
+        ..*touch
+    }
+}
+
+/// What a displacement of the pose does to a row of a contact (object frame): J of
+/// [`Shared`](crate::surface::Shared). The contact moves against the surface, whose value and slope
+/// change by ∇f and its slopes there; and the normal turns.
+pub(super) fn lever<S: Space>(contact: &Contact<S>, bend: &Bend<S>, part: usize) -> S::Tangent {
+    let Some(axis) = part.checked_sub(1) else {
+        return -S::lever(contact.point, bend.gradient);
+    };
+    let mut lever = -S::lever(contact.point, bend.curvature[axis]);
+    if let Some(normal) = contact.normal {
+        let mut direction = S::Vector::ZERO;
+        direction[axis] = 1.0;
+        let turn = S::lever(normal, direction);
+        for i in S::DIMENSION..S::FREEDOM {
+            lever[i] += turn[i];
+        }
+    }
+    lever
+}
+
+/// The step, shortened where it is too long to be linear.
+pub(super) fn bounded<S: Space>(step: S::Tangent) -> S::Tangent {
+    let (mut shift, mut turn) = (0.0, 0.0);
+    for i in 0..S::FREEDOM {
+        if i < S::DIMENSION { shift += step[i] * step[i] } else { turn += step[i] * step[i] }
+    }
+    let over = math::max(math::sqrt(shift) / LONGEST.0, math::sqrt(turn) / LONGEST.1);
+    if over > 1.0 { step * (1.0 / over) } else { step }
+}
