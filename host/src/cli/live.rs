@@ -20,7 +20,8 @@ use crate::log::GraspLog;
 use crate::log::recording::Header;
 use crate::slam::choose::Choice;
 use crate::slam::output::{Provenance, conclude};
-use crate::slam::track::{Kind, Step};
+use crate::slam::track::Step;
+use crate::slam::trackers::Kind;
 use crate::space::Bridge;
 
 /// Emulators end after this long, whatever happens.

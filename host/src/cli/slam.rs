@@ -11,6 +11,7 @@ use crate::log::GraspLog;
 use crate::shape::Geometry;
 use crate::slam::choose::Choice;
 use crate::slam::output::{Correction, Outcome, Provenance, check_folder, conclude, true_shape};
+use crate::slam::trackers::Kind;
 use crate::slam::{reconstruct, track};
 
 /// Reconstruct an object and its poses from a grasp log.
@@ -24,8 +25,8 @@ pub struct SlamArgs {
     /// Grasp log; without one, the bundled recording
     log: Option<PathBuf>,
     /// How poses are estimated
-    #[arg(long, value_enum, default_value_t = track::Kind::Bootstrap)]
-    tracker: track::Kind,
+    #[arg(long, value_enum, default_value_t = Kind::Bootstrap)]
+    tracker: Kind,
     /// Correction of all poses together, after the tracker [default: planes, for --poses truth none]
     #[arg(long, value_enum)]
     graph: Option<graph::Kind>,

@@ -20,7 +20,8 @@ use crate::graph;
 use crate::log::GraspLog;
 use crate::quantity::Deviation;
 use crate::sim::{ObjectSpec, Options, SimError, simulate};
-use crate::slam::track::{Kind, Step, truth};
+use crate::slam::track::{Step, truth};
+use crate::slam::trackers::Kind;
 use crate::space::Pose;
 use judge::{Judgement, Truth, judge};
 

@@ -1,6 +1,6 @@
 //! The main job: a grasp log in, the object's poses and shape out.
 //!
-//! [`track`] follows the object with the core's tracker (or takes the log's true poses),
+//! [`track`] follows the object with one of the core's [`trackers`] (or takes the log's true poses),
 //! [`reconstruct`] builds the surface that [`choose`] finds fit from all contacts at those poses, and
 //! [`output`] evaluates and writes what a reader wants: report, shape, trajectory and picture.
 
@@ -10,6 +10,7 @@ pub mod free;
 pub mod output;
 pub mod reconstruct;
 pub mod track;
+pub mod trackers;
 
 use crate::log::{LoggedContact, Noise};
 
