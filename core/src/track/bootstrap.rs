@@ -25,6 +25,10 @@ impl Gate {
     pub const THESIS: Self = Gate { contacts: 4, distance: 0.01 };
 }
 
+/// How far apart two answers are: two deviations of the thesis' motion noise, for a belief that slides
+/// along a face is broad and yet one answer, to be learnt with all of its doubt.
+const APART: Separation = Separation { translation: 0.02, rotation: 0.698_131_7 };
+
 /// A second answer with this share of the belief makes it ambiguous.
 const AMBIGUOUS: f32 = 0.25;
 
@@ -285,14 +289,14 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Tracker<S> for Bootstrap<S, M,
             let lost = self.lost.saturating_add(u16::from(status == Status::Lost));
             self.lost = if status == Status::Tracking { 0 } else { lost };
         }
-        let modes = self.particles.modes(&Separation::DEFAULT);
+        let modes = self.particles.modes(&APART);
         let (mut pose, mut covariance) = self.particles.mean();
         if status == Status::Tracking
             && modes.disagree(AMBIGUOUS)
             && let Some(heaviest) = modes.as_slice().first()
         {
             status = Status::Ambiguous;
-            (pose, covariance) = self.particles.mean_near(heaviest.pose, &Separation::DEFAULT);
+            (pose, covariance) = self.particles.mean_near(heaviest.pose, &APART);
         }
         let corrected = matches!(status, Status::Tracking | Status::Ambiguous);
         let effective_particles = self.particles.effective();
