@@ -5,8 +5,8 @@ use super::{Device, Onboard};
 use crate::space::{Planar, Spatial};
 use crate::surface::cholesky::packed;
 use crate::surface::{Ball, Gpis, Matern32, Prior, Training};
+use crate::track::Bootstrap;
 use crate::track::hypotheses::{self, Chart, Hypotheses};
-use crate::track::{Bootstrap, MotionNoise};
 use crate::wire::WireSpace;
 
 /// Standard deviation of the surface about its prior ball, metres.
@@ -74,9 +74,6 @@ impl<S: WireSpace, const SITES: usize, const ROWS: usize, const PACKED: usize, c
     }
 }
 
-/// Partial explanations of a grasp that a board keeps.
-const BEAM: u8 = 8;
-
 impl<
     S: WireSpace + Chart,
     const K: usize,
@@ -91,10 +88,6 @@ impl<
     const PARTICLES: usize = K;
 
     fn prepare(&mut self) {
-        self.configure(hypotheses::Settings {
-            motion: MotionNoise::THESIS,
-            beam: BEAM,
-            ..hypotheses::Settings::DEFAULT
-        });
+        self.configure(hypotheses::Settings::DEFAULT);
     }
 }
