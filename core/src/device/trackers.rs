@@ -9,7 +9,7 @@ use crate::surface::cholesky::packed;
 use crate::surface::{Ball, Gpis, Matern32, Prior, Training};
 use crate::track::hypotheses::{self, Chart, Hypotheses};
 use crate::track::rao_blackwell::Faceted;
-use crate::track::{Bootstrap, MotionNoise, RaoBlackwell};
+use crate::track::{Bootstrap, RaoBlackwell};
 use crate::wire::{FaceSummary, TrackerKind, WireSpace};
 
 /// Standard deviation of the surface about its prior ball, metres.
@@ -110,9 +110,6 @@ impl<S: WireSpace, const SITES: usize, const ROWS: usize, const PACKED: usize, c
     }
 }
 
-/// Partial explanations of a grasp that a board keeps.
-const BEAM: u8 = 8;
-
 impl<
     S: WireSpace + Chart,
     const K: usize,
@@ -128,11 +125,7 @@ impl<
     const KIND: TrackerKind = TrackerKind::Hypotheses;
 
     fn prepare(&mut self) {
-        self.configure(hypotheses::Settings {
-            motion: MotionNoise::THESIS,
-            beam: BEAM,
-            ..hypotheses::Settings::DEFAULT
-        });
+        self.configure(hypotheses::Settings::DEFAULT);
     }
 
     fn face(&self, number: u8) -> Option<(FaceSummary<S>, u8)> {

@@ -61,9 +61,9 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// The thesis' motion noise, six faces, 2 % wild contacts, all of the beam.
+    /// The thesis' motion noise, six faces, 2 % wild contacts, a beam of 8 (16 found no more).
     pub const DEFAULT: Self =
-        Settings { motion: MotionNoise::THESIS, faces: 6.0, wild: 0.02, beam: 16 };
+        Settings { motion: MotionNoise::THESIS, faces: 6.0, wild: 0.02, beam: 8 };
 }
 
 /// A face of the best hypothesis.
@@ -574,6 +574,20 @@ impl<
             covariance.scale(1.0 / total);
         }
         covariance
+    }
+}
+
+impl<
+    S: Chart,
+    const K: usize,
+    const FACES: usize,
+    const ROWS: usize,
+    const PACKED: usize,
+    const GRASPS: usize,
+> Default for Hypotheses<S, K, FACES, ROWS, PACKED, GRASPS>
+{
+    fn default() -> Self {
+        Self::new()
     }
 }
 

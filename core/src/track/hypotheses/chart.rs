@@ -91,7 +91,7 @@ impl Chart for Spatial {
             let scale = angle / math::sqrt(x * x + y * y + z * z);
             Vector([0.0, 0.0, 0.0, x * scale, y * scale, z * scale])
         };
-        let sign = if index % 2 == 0 { 1.0 } else { -1.0 };
+        let sign = if index.is_multiple_of(2) { 1.0 } else { -1.0 };
         match index {
             1 => axis(1.0, 0.0, 0.0, 2.0 * QUARTER),
             2 => axis(0.0, 1.0, 0.0, 2.0 * QUARTER),
@@ -103,7 +103,7 @@ impl Chart for Spatial {
             12 | 13 => axis(1.0, 0.0, sign, 2.0 * QUARTER),
             14 | 15 => axis(0.0, 1.0, sign, 2.0 * QUARTER),
             16..=23 => {
-                let other = if (index / 2) % 2 == 0 { 1.0 } else { -1.0 };
+                let other = if (index / 2).is_multiple_of(2) { 1.0 } else { -1.0 };
                 let third = if index < 20 { 1.0 } else { -1.0 };
                 axis(sign, other, third, 4.0 / 3.0 * QUARTER)
             }

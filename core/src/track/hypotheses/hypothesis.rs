@@ -56,15 +56,15 @@ impl<S: Space> Past<S> {
         let mut x = error;
         for i in 0..n {
             for k in 0..i {
-                x[i] = x[i] - total.at(i, k) * x[k];
+                x[i] -= total.at(i, k) * x[k];
             }
-            x[i] = x[i] / total.at(i, i);
+            x[i] /= total.at(i, i);
         }
         for i in (0..n).rev() {
             for k in i + 1..n {
-                x[i] = x[i] - total.at(k, i) * x[k];
+                x[i] -= total.at(k, i) * x[k];
             }
-            x[i] = x[i] / total.at(i, i);
+            x[i] /= total.at(i, i);
         }
         let step = S::Tangent::from_fn(|i| (0..n).map(|j| self.covariance.at(i, j) * x[j]).sum());
         if step.is_finite() { self.pose.retract(step) } else { self.pose }

@@ -91,7 +91,7 @@ fn follow(
     let mut estimates = Vec::new();
     let mut gauge = PlanarPose::IDENTITY;
     for k in 0..16 {
-        let meant = PlanarPose::new(truth.translation, 0.3927)
+        let meant = PlanarPose::new(truth.translation, core::f32::consts::FRAC_PI_8)
             .compose(&PlanarPose::new(truth.translation, 0.0).inverse());
         let motion = (k > 0).then_some(meant);
         if let Some(motion) = motion {
