@@ -24,7 +24,8 @@ const CONTINUED: usize = 3;
 /// Nats behind the best at which a hypothesis is given up.
 const HOPELESS: f64 = 25.0;
 
-/// The cheapest graph found grasp by grasp, from the first pose if there is one; `None` where a number is not finite.
+/// The cheapest graph found grasp by grasp, from the first pose if there is one; `None` for longer logs
+/// than would be quick, or where a number is not finite.
 pub fn retrack<const D: usize>(problem: &Problem, first: Option<Pose>) -> Option<Solved<D>>
 where
     Const<D>: DimMin<Const<D>, Output = Const<D>>,

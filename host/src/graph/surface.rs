@@ -272,7 +272,15 @@ mod tests {
             off.map(|t| t.fixed_rows::<3>(0).norm_squared() + (0.05 * t[5]).powi(2)).sum()
         };
         let corrected = smooth(&log, &[&steps]).unwrap();
-        assert!(error(&corrected.steps) < 0.5 * error(&steps));
+        let [before, after] = [error(&steps), error(&corrected.steps)];
+        let at = |steps: &[Step]| {
+            let problem = Problem::new(&log);
+            fitted::<3>(&problem, steps.iter().map(|s| s.pose).collect()).unwrap().cost
+        };
+        assert!(after < 0.8 * before, "{before} {after}");
+        // As plausible as the truth, or nearly; what is left is what contacts cannot see.
+        let [displaced, true_cost] = [at(&steps), at(&truth)];
+        assert!(displaced > true_cost + 100.0 && corrected.cost < true_cost + 12.0);
         assert_eq!(corrected.steps[0].pose, steps[0].pose);
         assert!(corrected.steps[3].covariance[(5, 5)] > 0.0);
         let none = GraspLog { grasps: Vec::new(), ..log };
