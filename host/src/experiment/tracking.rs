@@ -1,5 +1,6 @@
 //! Every tracker on every object at every noise: how often it keeps the object, and what it costs.
 
+pub mod bound;
 pub mod consistency;
 pub mod judge;
 pub mod mujoco;
@@ -22,7 +23,7 @@ use crate::quantity::Deviation;
 use crate::sim::{ObjectSpec, Options, SimError, simulate};
 use crate::slam::track::{Step, truth};
 use crate::slam::trackers::Kind;
-use crate::space::Pose;
+use crate::space::{Point, Pose};
 use judge::{Judgement, Truth, judge};
 
 /// Objects in the plane and in space that need no file.
@@ -56,6 +57,8 @@ pub fn full_noise(dimension: usize) -> Deviation {
 pub enum Contender {
     /// The true poses: what the shape model alone leaves to be wished for.
     Oracle,
+    /// Draws from what an estimator could know that was told the faces: what grasps cannot feel.
+    Bound,
     /// The intended motions one after the other: what there is without touch.
     Odometry,
     /// A tracker on offer.
@@ -90,23 +93,27 @@ impl Contender {
     pub fn all() -> impl Iterator<Item = Contender> {
         let trackers = Kind::value_variants().iter().map(|kind| Contender::Tracker(*kind));
         let baselines = Baseline::ALL.into_iter().map(Contender::Baseline);
-        [Contender::Oracle, Contender::Odometry].into_iter().chain(trackers).chain(baselines)
+        let given = [Contender::Oracle, Contender::Bound, Contender::Odometry];
+        given.into_iter().chain(trackers).chain(baselines)
     }
 
     /// As tables and the command line name it.
     pub fn name(self) -> &'static str {
         match self {
             Contender::Oracle => "oracle",
+            Contender::Bound => "bound",
             Contender::Odometry => "odometry",
             Contender::Tracker(kind) => kind.name(),
             Contender::Baseline(baseline) => baseline.name(),
         }
     }
 
-    /// One step per grasp; none where the oracle has no true poses.
+    /// One step per grasp; none where the oracle has no true poses, and none of the bound, which has to
+    /// be told the object ([`bound::follow`]).
     pub fn follow(self, log: &GraspLog, seed: u64) -> Vec<Step> {
         match self {
             Contender::Oracle => truth(log).unwrap_or_default(),
+            Contender::Bound => Vec::new(),
             Contender::Odometry => odometry(log),
             Contender::Tracker(kind) => kind.follow(log, seed),
             Contender::Baseline(baseline) => baseline.follow(log, seed),
@@ -217,9 +224,14 @@ pub fn run(selection: &Selection, mut done: impl FnMut(&Row)) -> Result<Comparis
     };
     for spec in objects(&selection.objects)? {
         let truth = Truth::new(spec.geometry()?);
+        let faces = bound::directions(&truth.geometry);
         for percent in selection.percents() {
             for contender in &contenders {
-                let row = compare(&spec, &truth, *percent, *contender, selection)?;
+                if *contender == Contender::Bound && faces.is_none() {
+                    continue;
+                }
+                let row =
+                    compare(&spec, &truth, faces.as_deref(), *percent, *contender, selection)?;
                 done(&row);
                 rows.push(row);
             }
@@ -257,6 +269,7 @@ pub(super) struct Run {
 fn compare(
     spec: &ObjectSpec,
     truth: &Truth,
+    faces: Option<&[Point]>,
     noise: f64,
     contender: Contender,
     selection: &Selection,
@@ -264,7 +277,10 @@ fn compare(
     let start = Instant::now();
     let options = options(spec, noise, selection);
     let follow = |log: &GraspLog, seed| {
-        let steps = contender.follow(log, seed);
+        let steps = match (contender, faces) {
+            (Contender::Bound, Some(faces)) => bound::follow(log, faces, seed),
+            _ => contender.follow(log, seed),
+        };
         let graph = if contender.is_tracker() { selection.graph } else { graph::Kind::None };
         graph.correct(log, &steps).map_or(steps, |c| c.relative())
     };
@@ -382,6 +398,8 @@ impl fmt::Display for Comparison {
              rotations count up to the object's symmetry\n  \
              Hausdorff: of the surface that slam makes of the contacts at the estimated poses, after \
              the best rigid alignment\n  \
+             bound: poses as well known as the grasps allow an estimator that was told the faces (not \
+             for curved objects)\n  \
              touch: contacts at the estimated poses to the true surface, rms mm; lost: grasps a run; \
              ms/grasp: the tracker and, where there is one, the graph"
         )

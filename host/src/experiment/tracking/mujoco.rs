@@ -112,7 +112,7 @@ pub fn run(
     mut done: impl FnMut(&Row),
 ) -> Result<Table, Error> {
     let contenders = match &selection.contenders[..] {
-        [] => Contender::all().collect(),
+        [] => Contender::all().filter(|c| *c != Contender::Bound).collect(),
         chosen => chosen.to_vec(),
     };
     let mut rows = Vec::new();

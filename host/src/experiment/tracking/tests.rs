@@ -126,5 +126,8 @@ fn names_choose_objects_and_contenders() {
         assert_eq!(contender.name().parse(), Ok(contender));
     }
     let error = "best".parse::<Contender>().unwrap_err().to_string();
-    assert!(error.contains("\"best\"") && error.contains("oracle, odometry, bootstrap"), "{error}");
+    assert!(
+        error.contains("\"best\"") && error.contains("oracle, bound, odometry, bootstrap"),
+        "{error}"
+    );
 }
