@@ -53,10 +53,17 @@ impl Kind {
     }
 }
 
+/// Grasps from which on poses far from the tracker's are tried. Of fewer, many sets of poses lay all
+/// contacts on a few faces, and the fewest faces win.
+const ENOUGH: usize = 8;
+
 /// By faces where the object that they make is to be believed ([`choose::judge`]), else by the smooth
-/// surface of least cost, whether it starts from the tracker's poses or from those of the faces.
+/// surface of least cost, which starts from the tracker's poses and, after [`ENOUGH`] grasps, from those
+/// of the faces too.
 fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
-    let flat = planes(log, &[steps], Effort::default());
+    let enough = log.grasps.len() >= ENOUGH;
+    let effort = Effort { restarts: enough, retrack: enough, ..Effort::default() };
+    let flat = planes(log, &[steps], effort);
     let believed = |flat: &Corrected| {
         let contacts = place(log, &flat.relative());
         let contacts: Vec<Contact> = contacts.into_iter().map(|p| p.contact).collect();
@@ -65,8 +72,9 @@ fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
     if flat.as_ref().is_some_and(believed) {
         return flat;
     }
-    let starts: Vec<&[Step]> =
-        std::iter::once(steps).chain(flat.as_ref().map(|f| &f.steps[..])).collect();
+    let flat = flat.filter(|_| enough);
+    let mut starts = vec![steps];
+    starts.extend(flat.as_ref().map(|f| &f.steps[..]));
     surface::smooth(log, &starts).or(flat)
 }
 
