@@ -37,7 +37,7 @@ use crate::slam::track::Step;
 /// The corrections on offer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Kind {
-    /// Poses and flat faces estimated together
+    /// Poses and flat faces, or a smooth surface, estimated together; from eight grasps on
     Planes,
     /// None: the tracker's poses stand
     None,
@@ -53,17 +53,17 @@ impl Kind {
     }
 }
 
-/// Grasps from which on poses far from the tracker's are tried. Of fewer, many sets of poses lay all
-/// contacts on a few faces, and the fewest faces win.
+/// Grasps from which on poses are corrected. Of fewer, many sets of poses lay all contacts on a few
+/// faces, the fewest faces win, and what comes of it looks more certain than it is.
 const ENOUGH: usize = 8;
 
 /// By faces where the object that they make is to be believed ([`choose::judge`]), else by the smooth
-/// surface of least cost, which starts from the tracker's poses and, after [`ENOUGH`] grasps, from those
-/// of the faces too.
+/// surface of least cost, whether it starts from the tracker's poses or from those of the faces.
 fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
-    let enough = log.grasps.len() >= ENOUGH;
-    let effort = Effort { restarts: enough, retrack: enough, ..Effort::default() };
-    let flat = planes(log, &[steps], effort);
+    if log.grasps.len() < ENOUGH {
+        return None;
+    }
+    let flat = planes(log, &[steps], Effort::default());
     let believed = |flat: &Corrected| {
         let contacts = place(log, &flat.relative());
         let contacts: Vec<Contact> = contacts.into_iter().map(|p| p.contact).collect();
@@ -72,9 +72,8 @@ fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
     if flat.as_ref().is_some_and(believed) {
         return flat;
     }
-    let flat = flat.filter(|_| enough);
-    let mut starts = vec![steps];
-    starts.extend(flat.as_ref().map(|f| &f.steps[..]));
+    let starts: Vec<&[Step]> =
+        std::iter::once(steps).chain(flat.as_ref().map(|f| &f.steps[..])).collect();
     surface::smooth(log, &starts).or(flat)
 }
 
