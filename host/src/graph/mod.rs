@@ -37,7 +37,7 @@ use crate::slam::track::Step;
 /// The corrections on offer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Kind {
-    /// Poses and flat faces estimated together
+    /// Poses and flat faces, or a smooth surface, estimated together; from eight grasps on
     Planes,
     /// None: the tracker's poses stand
     None,
@@ -53,9 +53,16 @@ impl Kind {
     }
 }
 
+/// Grasps from which on poses are corrected. Of fewer, many sets of poses lay all contacts on a few
+/// faces, the fewest faces win, and what comes of it looks more certain than it is.
+const ENOUGH: usize = 8;
+
 /// By faces where the object that they make is to be believed ([`choose::judge`]), else by the smooth
 /// surface of least cost, whether it starts from the tracker's poses or from those of the faces.
 fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
+    if log.grasps.len() < ENOUGH {
+        return None;
+    }
     let flat = planes(log, &[steps], Effort::default());
     let believed = |flat: &Corrected| {
         let contacts = place(log, &flat.relative());

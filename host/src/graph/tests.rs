@@ -1,6 +1,7 @@
 use nalgebra::SVector;
 use proptest::prelude::*;
 
+use super::Kind;
 use super::alias::restart;
 use super::explain::{improve, settle};
 use super::planes::{Corrected, Effort, planes};
@@ -279,6 +280,20 @@ fn little_or_bad_input_has_an_answer() {
         grasp.contacts.clear();
     }
     assert!(planes(&bare, &[&steps], Effort::default()).is_none());
+}
+
+#[test]
+fn few_grasps_stay_where_the_tracker_saw_them() {
+    // All four on the same two or three faces would be cheapest.
+    let log = simulate(&Options { seed: 7, ..options("hexagon:0.05", 4) }).unwrap().log;
+    let truth = track::truth(&log).unwrap();
+    let collapsed = planes(&log, &[&truth], Effort::default()).unwrap();
+    assert!(errors(&log, &collapsed.steps).1 > 0.8);
+    assert!(Kind::Planes.correct(&log, &truth).is_none());
+    let log = simulate(&options("rectangle:0.10x0.06", 12)).unwrap().log;
+    let truth = track::truth(&log).unwrap();
+    assert_eq!(Kind::Planes.correct(&log, &truth).unwrap().faces.len(), 4);
+    assert!(Kind::None.correct(&log, &truth).is_none());
 }
 
 #[test]
