@@ -13,14 +13,16 @@ mod firmware {
 
     use cortex_m_semihosting::{debug, hprintln};
     use tactile_core::contact::{Contact, GraspView};
-    use tactile_core::device::{Onboard, PlanarTracker, SpatialTracker};
+    use tactile_core::device::{
+        Onboard, PlanarHypotheses, PlanarTracker, SpatialHypotheses, SpatialTracker,
+    };
     use tactile_core::matrix::{Coordinates, Vector};
     use tactile_core::random::Random;
     use tactile_core::space::{Planar, Spatial};
     use tactile_core::space::{Pose, Space};
     use tactile_core::surface::cholesky::packed;
     use tactile_core::surface::{Ball, Gpis, Map, Prior, Surface, ThinPlate, Training};
-    use tactile_core::track::{Bootstrap, Tracker};
+    use tactile_core::track::{Bootstrap, MotionNoise, Tracker};
     use tactile_firmware::board::{Selected, instruction_timer};
 
     /// Contacts in one grasp.
@@ -47,10 +49,13 @@ mod firmware {
             Counter { empty, ticks_per_instruction: (known - empty) as f32 / 3000.0 }
         }
 
-        fn report(&self, what: &str, run: impl FnOnce()) {
+        fn count(&self, run: impl FnOnce()) -> u32 {
             let spent = ticks(run).wrapping_sub(self.empty);
-            let instructions = (spent as f32 / self.ticks_per_instruction) as u32;
-            hprintln!("{:<48} {:>10}", what, instructions);
+            (spent as f32 / self.ticks_per_instruction) as u32
+        }
+
+        fn report(&self, what: &str, run: impl FnOnce()) {
+            hprintln!("{:<48} {:>10}", what, self.count(run));
         }
     }
 
@@ -154,17 +159,79 @@ mod firmware {
         });
     }
 
+    /// Contacts on a box of 100 × 60 (× 40) mm at `pose`, one on every second face in turn, 1 mm and 5°
+    /// of noise.
+    fn touch_box<S: Space>(
+        pose: &S::Pose,
+        number: u32,
+        random: &mut Random,
+    ) -> [Contact<S>; FINGERS] {
+        const HALF: [f32; 3] = [0.05, 0.03, 0.02];
+        core::array::from_fn(|finger| {
+            let face = (number as usize + 3 * finger) % (2 * S::DIMENSION);
+            let (axis, sign) = (face / 2, if face % 2 == 0 { 1.0 } else { -1.0 });
+            let mut normal = S::Vector::ZERO;
+            normal[axis] = sign;
+            let mut point = S::Vector::from_fn(|i| {
+                HALF[i] * if i == axis { sign } else { 1.6 * random.uniform() - 0.8 }
+            });
+            point += random.normal::<S::Vector>() * 1e-3;
+            let felt = normal + random.normal::<S::Vector>() * 0.087;
+            Contact {
+                point: pose.transform(point),
+                normal: felt.normalized().map(|n| pose.rotate(n)),
+                point_deviation: 1e-3,
+                normal_deviation: 0.087,
+                finger: finger as u8,
+            }
+        })
+    }
+
+    /// Sixteen grasps of a box that slips by the thesis' noise: the updates' mean and longest.
+    #[inline(never)]
+    fn follow<S: tactile_core::wire::WireSpace, T: Onboard<S>>(
+        counter: &Counter,
+        name: &str,
+        tracker: &mut T,
+    ) {
+        let mut random = Random::new(3);
+        tracker.prepare();
+        tracker.set_motion_noise(MotionNoise::THESIS);
+        tracker.reset(1);
+        let mut pose = S::Pose::IDENTITY;
+        let (mut sum, mut longest) = (0u64, 0);
+        for number in 0..16 {
+            if number > 0 {
+                pose = MotionNoise::THESIS.disturb::<S>(&pose, &mut random);
+            }
+            let contacts = touch_box::<S>(&pose, number, &mut random);
+            let view = GraspView { contacts: &contacts, free: &[] };
+            let spent = counter.count(|| {
+                black_box(tracker.update(Some(&S::Pose::IDENTITY), view));
+            });
+            sum += u64::from(spent);
+            longest = longest.max(spent);
+        }
+        hprintln!("{} tracker, {} in all, 16 grasps of a box:", name, T::PARTICLES);
+        hprintln!("{:<48} {:>10}", "  grasp update, 5 contacts, mean", (sum / 16) as u32);
+        hprintln!("{:<48} {:>10}", "  grasp update, 5 contacts, longest", longest);
+    }
+
     #[cortex_m_rt::entry]
     fn main() -> ! {
         static mut PLATE: Plate = Plate::new();
         static mut PLANAR: PlanarTracker = PlanarTracker::new(Gpis::new());
         static mut SPATIAL: SpatialTracker = SpatialTracker::new(Gpis::new());
+        static mut PLANAR_HYPOTHESES: PlanarHypotheses = PlanarHypotheses::new();
+        static mut SPATIAL_HYPOTHESES: SpatialHypotheses = SpatialHypotheses::new();
         let _board = Selected::start();
         let counter = Counter::new();
         hprintln!("instructions, Cortex-M4F, counted by QEMU");
         thin_plate(&counter, PLATE);
         update::<Planar, _, _>(&counter, "planar", PLANAR);
         update::<Spatial, _, _>(&counter, "spatial", SPATIAL);
+        follow::<Planar, _>(&counter, "planar hypotheses", PLANAR_HYPOTHESES);
+        follow::<Spatial, _>(&counter, "spatial hypotheses", SPATIAL_HYPOTHESES);
         loop {
             debug::exit(debug::EXIT_SUCCESS);
         }
