@@ -17,8 +17,11 @@
 //! 4. *Choose*: equal trajectories are one, improbable ones go, a few stay.
 //!
 //! When memory is full the oldest grasp is settled: its contacts go to the map for good where the best
-//! hypothesis has them, and the map's own policy bounds what they take. A grasp that wild contacts
-//! explain better than the surface does is not learnt; the next ones are searched for all around.
+//! hypothesis has them, and the map's own policy bounds what they take.
+//!
+//! A grasp that wild contacts explain better than the surface does is sought wherever the object may have
+//! slipped to; what is found there is [ambiguous](Status::Ambiguous) until the next grasp agrees. A
+//! grasp that is not found is not learnt, and the next ones are searched for all around.
 //!
 //! Thesis 3.3.1 follows the pose over a surface that is never revised. The smoothing is that of the
 //! Gaussian-process latent variable model (Lawrence 2005) with the motion as the latent prior.
@@ -27,6 +30,7 @@ mod branching;
 mod choice;
 mod doubt;
 mod memory;
+mod prediction;
 mod proposal;
 mod settling;
 mod small;
@@ -91,8 +95,9 @@ pub struct Curved<
     /// Zero until the first use, so that a new tracker is all zero bits.
     settings: Settings,
     configured: bool,
-    /// What happened since the last remembered grasp.
+    /// What happened since the last remembered grasp, and whether that takes in a slip.
     pending: Move<S>,
+    slipped: bool,
     /// Rows of the map that are settled, and the covariance of the pose before the oldest grasp.
     settled: usize,
     base: S::Covariance,
@@ -142,6 +147,7 @@ impl<
             },
             configured: false,
             pending: Move { motion: S::Pose::UNSET, drift: Drift::NONE },
+            slipped: false,
             settled: 0,
             base: S::Covariance::ZERO,
             based: false,
@@ -160,7 +166,7 @@ impl<
         self.map.clear();
         self.memory.clear();
         (self.count, self.born, self.settled) = (0, 0, 0);
-        self.pending = Move { motion: S::Pose::IDENTITY, drift: Drift::NONE };
+        self.rest();
         self.base = S::Covariance::ZERO;
         (self.based, self.started) = (false, false);
         (self.grasps, self.evidence) = (0, 0.0);
@@ -254,44 +260,6 @@ impl<
         self.map.refit();
     }
 
-    /// Moves on: what happened since the last remembered grasp.
-    fn move_on(&mut self, motion: Option<&S::Pose>) {
-        let motion = motion.filter(|m| m.is_finite());
-        let noise = match motion {
-            Some(motion) => {
-                self.pending.motion = motion.compose(&self.pending.motion);
-                self.settings.motion
-            }
-            None => self.settings.unknown,
-        };
-        self.widen(&noise);
-    }
-
-    fn widen(&mut self, noise: &MotionNoise) {
-        let most = &self.settings.unknown;
-        let drift = &mut self.pending.drift;
-        // Beyond twice what unknown motion allows, all places are alike.
-        let most_shift = math::max(
-            4.0 * most.translation * most.translation,
-            noise.translation * noise.translation,
-        );
-        let most_turn =
-            math::max(4.0 * most.rotation * most.rotation, noise.rotation * noise.rotation);
-        drift.translation =
-            math::min(drift.translation + noise.translation * noise.translation, most_shift);
-        drift.rotation = math::min(drift.rotation + noise.rotation * noise.rotation, most_turn);
-    }
-
-    /// Where a hypothesis expects the object now.
-    fn predict(&self, hypothesis: &Hypothesis<S, GRASPS, CONTACTS>, last: usize) -> Prediction<S> {
-        let pose = self.pending.motion.compose(&hypothesis.poses[last]);
-        let mut covariance = hypothesis.covariance;
-        for axis in 0..S::FREEDOM {
-            *covariance.at_mut(axis, axis) += self.pending.drift.along::<S>(axis) + 1e-9;
-        }
-        Prediction { pose, covariance }
-    }
-
     /// What is believed of the pose now, `predicted` from the last remembered grasp or at it.
     fn belief(&self, predicted: bool) -> (S::Pose, S::Covariance, Modes<S>, f32) {
         let Some(last) = self.memory.grasps().len().checked_sub(1) else {
@@ -335,10 +303,8 @@ impl<
         let nowhere: f32 = good(grasp).map(|c| wild(&c)).sum();
         let mut density = math::ln(1.0 - SLIP) + self.branch(grasp);
         if !self.is_found(density, nowhere) {
-            // Motion has a second, rare component: the object slipped who knows how far.
             self.memory.pop();
-            let unknown = self.settings.unknown;
-            self.widen(&unknown);
+            self.slip();
             self.memory.push(self.grasps, self.pending, grasp);
             self.lay_part(0, self.memory.grasps().len().saturating_sub(1));
             density = math::ln(SLIP) + self.branch(grasp);
@@ -351,8 +317,10 @@ impl<
         }
         self.evidence += density;
         self.grow();
-        self.pending = Move { motion: S::Pose::IDENTITY, drift: Drift::NONE };
-        (Status::Tracking, dropped)
+        // What only a slip explains may be a grasp of something else: the next one has to agree.
+        let status = if self.slipped { Status::Ambiguous } else { Status::Tracking };
+        self.rest();
+        (status, dropped)
     }
 }
 
@@ -385,7 +353,7 @@ impl<
             (true, 0) => (Status::Predicted, 0),
             (true, _) => self.learn(&grasp, contacts),
         };
-        let corrected = status == Status::Tracking;
+        let corrected = matches!(status, Status::Tracking | Status::Ambiguous);
         let (pose, covariance, modes, effective_particles) = self.belief(begun && !corrected);
         if corrected && modes.disagree(AMBIGUOUS) {
             status = Status::Ambiguous;
@@ -444,5 +412,7 @@ impl<
 
 #[cfg(test)]
 mod model_tests;
+#[cfg(test)]
+mod slip_tests;
 #[cfg(test)]
 mod tests;
