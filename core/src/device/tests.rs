@@ -1,3 +1,4 @@
+use std::boxed::Box;
 use std::vec::Vec;
 
 use proptest::prelude::*;
@@ -7,7 +8,8 @@ use crate::contact::{Contact, GraspView};
 use crate::matrix::{Coordinates, Square, Vector};
 use crate::space::{Planar, PlanarPose, Pose};
 
-use crate::track::{Estimate, Modes, Observability, Status};
+use crate::surface::Gpis;
+use crate::track::{Bootstrap, Estimate, Hypotheses, Modes, Observability, RaoBlackwell, Status};
 
 /// Composes the motions and counts what it is given.
 struct Counting {
@@ -306,6 +308,31 @@ fn nonsense_is_refused_and_counted() {
     assert!(matches!(empty[0], Report::Estimate(e) if e.grasp == 1 && e.contacts == 0));
     let health = rig.health();
     assert_eq!((health.refused, health.overfull, health.empty, health.grasps), (4, 1, 1, 2));
+}
+
+/// Whether a tracker read out of memory that is all zero is a new one.
+macro_rules! assert_zero {
+    ($($new:expr => $tracker:ty),+ $(,)?) => {$({
+        let new: Box<$tracker> = Box::new($new);
+        // SAFETY: made of numbers, booleans, options and arrays of them, for which zero bits are a
+        // value; that they are the right one is what is asserted.
+        #[allow(unsafe_code)]
+        let zero: Box<$tracker> = unsafe { Box::new_zeroed().assume_init() };
+        assert!(std::format!("{new:?}") == std::format!("{zero:?}"), stringify!($tracker));
+    })+};
+}
+
+/// Such a board takes no flash for its statics.
+#[test]
+fn zero_bits_are_a_new_tracker() {
+    assert_zero!(
+        Bootstrap::new(Gpis::new()) => PlanarTracker,
+        Bootstrap::new(Gpis::new()) => SpatialTracker,
+        Hypotheses::new() => PlanarHypotheses,
+        Hypotheses::new() => SpatialHypotheses,
+        RaoBlackwell::new() => PlanarRaoBlackwell,
+        RaoBlackwell::new() => SpatialRaoBlackwell,
+    );
 }
 
 proptest! {

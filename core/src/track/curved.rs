@@ -17,15 +17,24 @@
 //! 4. *Choose*: equal trajectories are one, improbable ones go, a few stay.
 //!
 //! When memory is full the oldest grasp is settled: its contacts go to the map for good where the best
-//! hypothesis has them, and the map's own policy bounds what they take. A grasp that wild contacts
-//! explain better than the surface does is not learnt; the next ones are searched for all around.
+//! hypothesis has them, and the map's own policy bounds what they take.
+//!
+//! A grasp that wild contacts explain better than the surface does is sought wherever the object may have
+//! slipped to; what is found there is [ambiguous](Status::Ambiguous) until the next grasp agrees. A
+//! grasp that is not found is not learnt, and the next ones are searched for all around.
 //!
 //! Thesis 3.3.1 follows the pose over a surface that is never revised. The smoothing is that of the
 //! Gaussian-process latent variable model (Lawrence 2005) with the motion as the latent prior.
 
+mod branching;
+mod choice;
+mod doubt;
 mod memory;
+mod prediction;
 mod proposal;
+mod settling;
 mod small;
+mod smoothing;
 mod trajectory;
 
 use crate::contact::{Contact, GraspView};
@@ -33,12 +42,13 @@ use crate::math;
 use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
 use crate::surface::Revisable;
-use crate::track::automatic::{Evidence, log_sum, wild};
-use crate::track::likelihood::LEAST_SLOPE;
+use crate::track::automatic::{Evidence, wild};
 use crate::track::{Estimate, Modes, MotionNoise, Observability, Separation, Status, Tracker};
+use doubt::Belief;
 use memory::{Drift, Memory, Move};
-use proposal::{Candidate, Prediction, Scene};
-use trajectory::{Belief, Hypothesis, Trajectory};
+use proposal::Prediction;
+use smoothing::USUAL_ROUGHNESS;
+use trajectory::{Hypothesis, Trajectory};
 
 /// How a [`Curved`] works.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,8 +95,9 @@ pub struct Curved<
     /// Zero until the first use, so that a new tracker is all zero bits.
     settings: Settings,
     configured: bool,
-    /// What happened since the last remembered grasp.
+    /// What happened since the last remembered grasp, and whether that takes in a slip.
     pending: Move<S>,
+    slipped: bool,
     /// Rows of the map that are settled, and the covariance of the pose before the oldest grasp.
     settled: usize,
     base: S::Covariance,
@@ -100,34 +111,11 @@ pub struct Curved<
     evidence: f32,
 }
 
-/// Poses of a hypothesis that differ by less in every grasp make it a copy.
-const COPY: Separation = Separation { translation: 0.002, rotation: 0.035 };
-
 /// A second answer of at least this share makes the belief ambiguous.
 const AMBIGUOUS: f32 = 0.2;
 
 /// How often the object moves as if nobody knew how.
 const SLIP: f32 = 0.03;
-
-/// Candidates this many nats below the best are not looked at closely.
-const HOPELESS: f32 = 12.0;
-
-/// Poses that lie within this of where everything was made linear (in millimetres and hundredths of a
-/// radian) leave it so.
-const STILL: f32 = 1.0;
-
-/// Factor on the kernel's amplitude in the beginning, and what its logarithm usually departs from that.
-const USUAL_ROUGHNESS: f32 = 0.5;
-const ROUGHNESS_DEVIATION: f32 = 0.7;
-
-/// Factor between two amplitudes that are compared.
-const ROUGHNESS_STEP: f32 = 1.4;
-
-/// Fewer contacts say nothing about the amplitude.
-const LEAST_CONTACTS: usize = 8;
-
-/// Contacts whose fit is looked at again in one round.
-const DOUBTED: usize = 24;
 
 impl<
     S: Space,
@@ -159,6 +147,7 @@ impl<
             },
             configured: false,
             pending: Move { motion: S::Pose::UNSET, drift: Drift::NONE },
+            slipped: false,
             settled: 0,
             base: S::Covariance::ZERO,
             based: false,
@@ -177,7 +166,7 @@ impl<
         self.map.clear();
         self.memory.clear();
         (self.count, self.born, self.settled) = (0, 0, 0);
-        self.pending = Move { motion: S::Pose::IDENTITY, drift: Drift::NONE };
+        self.rest();
         self.base = S::Covariance::ZERO;
         (self.based, self.started) = (false, false);
         (self.grasps, self.evidence) = (0, 0.0);
@@ -271,332 +260,6 @@ impl<
         self.map.refit();
     }
 
-    /// Moves on: what happened since the last remembered grasp.
-    fn move_on(&mut self, motion: Option<&S::Pose>) {
-        let motion = motion.filter(|m| m.is_finite());
-        let noise = match motion {
-            Some(motion) => {
-                self.pending.motion = motion.compose(&self.pending.motion);
-                self.settings.motion
-            }
-            None => self.settings.unknown,
-        };
-        self.widen(&noise);
-    }
-
-    fn widen(&mut self, noise: &MotionNoise) {
-        let most = &self.settings.unknown;
-        let drift = &mut self.pending.drift;
-        // Beyond twice what unknown motion allows, all places are alike.
-        let most_shift = math::max(
-            4.0 * most.translation * most.translation,
-            noise.translation * noise.translation,
-        );
-        let most_turn =
-            math::max(4.0 * most.rotation * most.rotation, noise.rotation * noise.rotation);
-        drift.translation =
-            math::min(drift.translation + noise.translation * noise.translation, most_shift);
-        drift.rotation = math::min(drift.rotation + noise.rotation * noise.rotation, most_turn);
-    }
-
-    /// Where a hypothesis expects the object now.
-    fn predict(&self, hypothesis: &Hypothesis<S, GRASPS, CONTACTS>, last: usize) -> Prediction<S> {
-        let pose = self.pending.motion.compose(&hypothesis.poses[last]);
-        let mut covariance = hypothesis.covariance;
-        for axis in 0..S::FREEDOM {
-            *covariance.at_mut(axis, axis) += self.pending.drift.along::<S>(axis) + 1e-9;
-        }
-        Prediction { pose, covariance }
-    }
-
-    /// Makes room for a grasp of so many contacts: the oldest are settled as the best hypothesis has them.
-    fn make_room(&mut self, contacts: usize) -> u16 {
-        let mut dropped = 0u16;
-        while self.memory.grasps().len() > 1 && !self.memory.has_room(contacts) {
-            dropped = dropped.saturating_add(self.settle_oldest());
-        }
-        dropped
-    }
-
-    fn settle_oldest(&mut self) -> u16 {
-        let Some(oldest) = self.memory.grasps().first().copied() else { return 0 };
-        let before = self.map.contacts();
-        // Its pose given everything: what the trajectory says of it when it is the last.
-        self.lay(0);
-        let mut covariance = S::Covariance::ZERO;
-        if self.based {
-            // The later grasps' knowledge is left out, which makes it too uncertain rather than too sure.
-            self.lift(1);
-            covariance = self.trajectory.covariance(&self.map, self.settled);
-        }
-        self.map.withdraw(self.settled);
-        let best = &self.hypotheses[0];
-        let pose = best.about[0];
-        for index in oldest.touches() {
-            let (touch, belief) = (&self.memory.touches()[index], &best.beliefs[index]);
-            let contact = trajectory::scaled(touch, belief).seen_from(&pose);
-            self.map.settle(&blurred(&contact, &covariance), CONTACTS);
-        }
-        self.settled = self.map.rows();
-        let gone = self.memory.forget_oldest();
-        (self.base, self.based) = (covariance, true);
-        for hypothesis in &mut self.hypotheses[..self.count] {
-            hypothesis.base = hypothesis.about[0];
-            hypothesis.poses.copy_within(1.., 0);
-            hypothesis.about.copy_within(1.., 0);
-            hypothesis.beliefs.copy_within(gone.., 0);
-        }
-        self.lay(0);
-        (before.saturating_sub(self.map.contacts())) as u16
-    }
-
-    /// Hypotheses that explain the grasp, as children; the log density of the grasp.
-    fn branch(&mut self, grasp: &GraspView<'_, S>) -> f32 {
-        self.born = 0;
-        let Some(new) = self.memory.grasps().len().checked_sub(1) else { return 0.0 };
-        let Some(last) = new.checked_sub(1) else { return 0.0 };
-        let mut density = f32::NEG_INFINITY;
-        for parent in 0..self.count {
-            // The first is laid already.
-            if parent > 0 {
-                self.lay_part(parent, new);
-            }
-            let prediction = self.predict(&self.hypotheses[parent], last);
-            let touches = self.memory.grasps()[new].touches();
-            let scene = Scene {
-                map: &self.map,
-                touches: &self.memory.touches()[touches],
-                free: grasp.free,
-                prediction,
-                middle: self.middle(parent, new),
-            };
-            let Some(candidates) = scene.propose() else { continue };
-            let best = candidates.as_slice().first().map_or(0.0, |c| c.score);
-            for candidate in candidates.as_slice() {
-                if candidate.score < best - HOPELESS {
-                    break;
-                }
-                let fit = self.bear(parent, new, candidate);
-                let weight = math::ln(self.hypotheses[parent].weight);
-                density = log_sum(density, weight + fit);
-            }
-        }
-        density
-    }
-
-    /// Centroid of a hypothesis' contacts before grasp `new`, object frame.
-    fn middle(&self, parent: usize, new: usize) -> S::Vector {
-        let (mut sum, mut count) = (S::Vector::ZERO, 0.0);
-        for (grasp, pose) in self.memory.grasps()[..new].iter().zip(&self.hypotheses[parent].poses)
-        {
-            for touch in &self.memory.touches()[grasp.touches()] {
-                sum += pose.untransform(touch.point);
-                count += 1.0;
-            }
-        }
-        if count > 0.0 { sum * (1.0 / count) } else { S::Vector::ZERO }
-    }
-
-    /// Makes the child of a parent (which is laid) that has the new grasp at the candidate; the log density
-    /// of the grasp there, as [`Evidence`] has it.
-    fn bear(&mut self, parent: usize, new: usize, candidate: &Candidate<S>) -> f32 {
-        let contacts = self.memory.grasps()[new].touches();
-        let rows = self.map.rows();
-        self.hypotheses[parent].about[new] = candidate.pose;
-        for index in contacts.clone() {
-            let contact = self.memory.touches()[index].seen_from(&candidate.pose);
-            self.hypotheses[parent].beliefs[index] = Belief::new(self.map.bend(contact.point));
-        }
-        self.lay_next(parent, new);
-        let mut gained = self.map.log_density_since(rows);
-        self.map.refit();
-        let (memory, hypothesis) = (&self.memory, &mut self.hypotheses[parent]);
-        if self.trajectory.doubt(&self.map, self.settled, memory, hypothesis, contacts.clone()) {
-            let price = hypothesis.price(contacts);
-            self.lift(new);
-            self.lay_next(parent, new);
-            gained = self.map.log_density_since(rows) + price;
-            self.map.refit();
-        }
-        let evidence = self.hypotheses[parent].evidence + gained;
-        if evidence.is_finite()
-            && let Some(slot) = self.cradle(evidence)
-        {
-            self.children[slot] = self.hypotheses[parent];
-            let child = &mut self.children[slot];
-            (child.evidence, child.parent) = (evidence, parent as u16);
-            self.trajectory.settle(&self.map, self.settled, &self.memory, child);
-        }
-        self.lift(new);
-        let contacts = self.memory.grasps()[new].touches();
-        let (touches, beliefs) = (self.memory.touches(), &self.hypotheses[parent].beliefs);
-        let unmeasured = |index: usize| {
-            let touch = trajectory::scaled(&touches[index], &beliefs[index]);
-            steepness::<S>(&self.map, &touch.seen_from(&candidate.pose))
-        };
-        gained - contacts.map(unmeasured).sum::<f32>()
-    }
-
-    /// The place for a child of this evidence: a free one, or that of the worst if it is worse.
-    fn cradle(&mut self, evidence: f32) -> Option<usize> {
-        if self.born < HYPOTHESES {
-            self.born += 1;
-            return Some(self.born - 1);
-        }
-        let (mut worst, mut least) = (None, evidence);
-        for (slot, child) in self.children.iter().enumerate() {
-            if child.evidence < least {
-                (worst, least) = (Some(slot), child.evidence);
-            }
-        }
-        worst
-    }
-
-    /// Children become hypotheses: smoothed, weighed, sorted, without copies and the improbable.
-    fn grow(&mut self) {
-        let laid = self.count.saturating_sub(1);
-        core::mem::swap(&mut self.hypotheses, &mut self.children);
-        self.count = self.born;
-        self.choose();
-        if self.count == 1 && usize::from(self.hypotheses[0].parent) == laid {
-            // Its parent is laid still.
-            self.lay_next(0, self.memory.grasps().len().saturating_sub(1));
-            self.map.refit();
-            self.smooth(0);
-            self.temper();
-            return;
-        }
-        for index in (0..self.count).rev() {
-            self.lay(index);
-            self.smooth(index);
-        }
-        self.choose();
-        if self.count > 1 {
-            self.lay(0);
-        }
-        self.temper();
-    }
-
-    /// How far the object departs from the prior mean is learnt too: a step up or down in amplitude is kept
-    /// where it makes the contacts likelier (empirical Bayes, with what suits most objects as
-    /// the prior), until the first contacts settle.
-    fn temper(&mut self) {
-        let (grasps, contacts) = (self.memory.grasps().len(), self.memory.touches().len());
-        let due = grasps <= 6 || grasps.is_multiple_of(3);
-        if self.settled > 0 || contacts < LEAST_CONTACTS || !due {
-            return;
-        }
-        let known = self.hypotheses[0].evidence + usual(self.roughness);
-        let step = if self.rougher { ROUGHNESS_STEP } else { 1.0 / ROUGHNESS_STEP };
-        let trial = self.roughness * step;
-        self.map.roughen(trial);
-        self.lay(0);
-        let likelihood = self.map.log_density_since(0) + self.hypotheses[0].price(0..contacts);
-        if !(likelihood + usual(trial) > known) {
-            self.rougher = !self.rougher;
-            self.map.roughen(self.roughness);
-            self.lay(0);
-            return;
-        }
-        self.roughness = trial;
-        for index in (0..self.count).rev() {
-            self.lay(index);
-            self.smooth(index);
-        }
-        self.order();
-        self.weigh();
-        if self.count > 1 {
-            self.lay(0);
-        }
-    }
-
-    /// Sorts and weighs, drops copies and the improbable.
-    fn choose(&mut self) {
-        self.order();
-        self.forget_copies();
-        self.weigh();
-    }
-
-    /// Rounds of smoothing of a hypothesis that is laid, and is still afterwards: poses move, and where they
-    /// move far everything is made linear anew (Kaess et al. 2012, "iSAM2").
-    fn smooth(&mut self, index: usize) {
-        let settled = self.settled;
-        for round in 0..=self.settings.rounds {
-            let hypothesis = &mut self.hypotheses[index];
-            let far = self.trajectory.settle(&self.map, settled, &self.memory, hypothesis);
-            if round == self.settings.rounds || far < STILL {
-                break;
-            }
-            let again = self.doubted();
-            let hypothesis = &mut self.hypotheses[index];
-            self.trajectory.doubt(&self.map, settled, &self.memory, hypothesis, again);
-            self.trajectory.relinearise(&self.map, &self.memory, hypothesis);
-            self.lay(index);
-        }
-        let contacts = self.memory.touches().len();
-        let hypothesis = &mut self.hypotheses[index];
-        hypothesis.evidence =
-            self.map.log_density_since(self.settled) + hypothesis.price(0..contacts);
-        if !hypothesis.evidence.is_finite() {
-            hypothesis.evidence = f32::MIN;
-        }
-        hypothesis.covariance = self.trajectory.covariance(&self.map, self.settled);
-    }
-
-    /// The contacts whose fit is looked at again: all while they are few, else a part in turn.
-    fn doubted(&self) -> core::ops::Range<usize> {
-        let contacts = self.memory.touches().len();
-        let parts = contacts.div_ceil(DOUBTED).max(1);
-        let part = self.grasps as usize % parts;
-        part * contacts / parts..(part + 1) * contacts / parts
-    }
-
-    /// Best first: insertion sort of a handful.
-    fn order(&mut self) {
-        for i in 1..self.count {
-            let mut j = i;
-            while j > 0 && self.hypotheses[j].evidence > self.hypotheses[j - 1].evidence {
-                exchange(&mut self.hypotheses, j - 1, j);
-                j -= 1;
-            }
-        }
-    }
-
-    /// Of trajectories that are the same only the best stays.
-    fn forget_copies(&mut self) {
-        let grasps = self.memory.grasps().len();
-        let mut kept = 0;
-        for index in 0..self.count {
-            let (before, rest) = self.hypotheses.split_at(index);
-            let Some(this) = rest.first() else { break };
-            let copy = before[..kept].iter().any(|other| {
-                let poses = this.poses[..grasps].iter().zip(&other.poses);
-                poses.into_iter().all(|(a, b)| COPY.between::<S>(a, b) < 1.0)
-            });
-            if !copy {
-                exchange(&mut self.hypotheses, kept, index);
-                kept += 1;
-            }
-        }
-        self.count = kept;
-    }
-
-    /// Weights from evidence; the improbable go.
-    fn weigh(&mut self) {
-        let Some(best) = self.hypotheses[..self.count].first().map(|h| h.evidence) else { return };
-        let limit = best - self.settings.prune;
-        self.count =
-            self.hypotheses[..self.count].iter().take_while(|h| h.evidence >= limit).count();
-        let mut total = 0.0;
-        for hypothesis in &mut self.hypotheses[..self.count] {
-            hypothesis.weight = math::exp(hypothesis.evidence - best);
-            total += hypothesis.weight;
-        }
-        for hypothesis in &mut self.hypotheses[..self.count] {
-            hypothesis.weight *= 1.0 / total;
-        }
-    }
-
     /// What is believed of the pose now, `predicted` from the last remembered grasp or at it.
     fn belief(&self, predicted: bool) -> (S::Pose, S::Covariance, Modes<S>, f32) {
         let Some(last) = self.memory.grasps().len().checked_sub(1) else {
@@ -640,10 +303,8 @@ impl<
         let nowhere: f32 = good(grasp).map(|c| wild(&c)).sum();
         let mut density = math::ln(1.0 - SLIP) + self.branch(grasp);
         if !self.is_found(density, nowhere) {
-            // Motion has a second, rare component: the object slipped who knows how far.
             self.memory.pop();
-            let unknown = self.settings.unknown;
-            self.widen(&unknown);
+            self.slip();
             self.memory.push(self.grasps, self.pending, grasp);
             self.lay_part(0, self.memory.grasps().len().saturating_sub(1));
             density = math::ln(SLIP) + self.branch(grasp);
@@ -656,55 +317,16 @@ impl<
         }
         self.evidence += density;
         self.grow();
-        self.pending = Move { motion: S::Pose::IDENTITY, drift: Drift::NONE };
-        (Status::Tracking, dropped)
+        // What only a slip explains may be a grasp of something else: the next one has to agree.
+        let status = if self.slipped { Status::Ambiguous } else { Status::Tracking };
+        self.rest();
+        (status, dropped)
     }
 }
 
 /// The contacts of a grasp that can be used, with unit normals.
 fn good<'a, S: Space>(grasp: &GraspView<'a, S>) -> impl Iterator<Item = Contact<S>> + Clone + 'a {
     grasp.contacts.iter().filter_map(|c| c.checked().ok())
-}
-
-/// Log density of an amplitude's factor, up to a constant.
-fn usual(roughness: f32) -> f32 {
-    let off = math::ln(roughness / USUAL_ROUGHNESS) / ROUGHNESS_DEVIATION;
-    -0.5 * off * off
-}
-
-/// Swaps two hypotheses of which `before` comes first, without a third on the stack.
-fn exchange<H>(hypotheses: &mut [H], before: usize, after: usize) {
-    if before < after && after < hypotheses.len() {
-        let (head, tail) = hypotheses.split_at_mut(after);
-        core::mem::swap(&mut head[before], &mut tail[0]);
-    }
-}
-
-/// What the model's density of a contact says beyond distance and angle ([`crate::track::automatic`]): the
-/// length of the gradient along the felt normal, which nothing measured, and the scale of f.
-fn steepness<S: Space>(map: &impl Revisable<S>, contact: &Contact<S>) -> f32 {
-    const HALF_LN_TAU: f32 = 0.918_938_5;
-    let probe = map.probe(contact.point);
-    let slope = math::max(probe.gradient.norm(), LEAST_SLOPE);
-    let Some(normal) = contact.normal else { return -math::ln(slope) };
-    let variance = contact.normal_deviation * contact.normal_deviation + probe.slope_variance;
-    let off = 1.0 - probe.gradient.dot(normal);
-    -0.5 * (off * off / variance + math::ln(variance)) - HALF_LN_TAU - math::ln(slope)
-}
-
-/// The contact (object frame) with the doubt about its pose in its noise, as far as it has a normal.
-fn blurred<S: Space>(contact: &Contact<S>, covariance: &S::Covariance) -> Contact<S> {
-    let Some(normal) = contact.normal else { return *contact };
-    let h = S::lever(contact.point, normal);
-    let along = h.dot(small::times::<S>(covariance, h));
-    let turns = (S::DIMENSION..S::FREEDOM).map(|i| covariance.at(i, i)).sum::<f32>();
-    let turn = turns / (S::FREEDOM - S::DIMENSION) as f32;
-    let add = |deviation: f32, more: f32| math::sqrt(deviation * deviation + math::max(more, 0.0));
-    Contact {
-        point_deviation: add(contact.point_deviation, along),
-        normal_deviation: add(contact.normal_deviation, turn),
-        ..*contact
-    }
 }
 
 impl<
@@ -731,7 +353,7 @@ impl<
             (true, 0) => (Status::Predicted, 0),
             (true, _) => self.learn(&grasp, contacts),
         };
-        let corrected = status == Status::Tracking;
+        let corrected = matches!(status, Status::Tracking | Status::Ambiguous);
         let (pose, covariance, modes, effective_particles) = self.belief(begun && !corrected);
         if corrected && modes.disagree(AMBIGUOUS) {
             status = Status::Ambiguous;
@@ -788,5 +410,9 @@ impl<
     }
 }
 
+#[cfg(test)]
+mod model_tests;
+#[cfg(test)]
+mod slip_tests;
 #[cfg(test)]
 mod tests;

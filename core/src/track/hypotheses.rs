@@ -18,11 +18,17 @@
 //! The best `K` explanations live on. When the best calls most contacts wild, the object is lost:
 //! the maps stay as they are, and the next grasps are sought at every rotation.
 
+mod beam;
 mod chart;
+mod explanation;
+mod face;
 mod hypothesis;
 mod joint;
+mod past;
 mod plane;
 mod search;
+mod selection;
+mod work;
 
 #[cfg(test)]
 mod joint_tests;
@@ -30,17 +36,21 @@ mod joint_tests;
 mod tests;
 
 pub use chart::Chart;
+pub use face::Face;
 
-use crate::contact::{Contact, FreePoint, GraspView};
+use crate::contact::{Contact, GraspView};
 use crate::math;
 use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
-use crate::track::automatic::{Evidence, log_sum, wild};
+use crate::track::automatic::{Evidence, wild};
 use crate::track::{Estimate, Modes, MotionNoise, Observability, Separation, Status, Tracker};
-use hypothesis::{Hypothesis, Past, Work};
-use joint::Sparse;
+use beam::TOUCHES;
+use explanation::Outcome;
+use hypothesis::Hypothesis;
+use past::Past;
 use plane::Touch;
-use search::{FACE, Felt, LEAVES, Leaf, OPENS, Odds, Search, TOUCHES, WILD, replay, settle};
+use search::{LEAVES, Search};
+use work::Work;
 
 /// Numbers of a joint belief over a pose and `faces` planes: the `ROWS` of [`Hypotheses`].
 pub const fn rows<S: Space>(faces: usize) -> usize {
@@ -64,25 +74,6 @@ impl Settings {
     /// The thesis' motion noise, six faces, 2 % wild contacts, a beam of 8 (16 found no more).
     pub const DEFAULT: Self =
         Settings { motion: MotionNoise::THESIS, faces: 6.0, wild: 0.02, beam: 8 };
-}
-
-/// A face of the best hypothesis.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Face<S: Space> {
-    /// Unit, out of the object (object frame).
-    pub normal: S::Vector,
-    /// ρ of the plane n·p = ρ, metres.
-    pub offset: f32,
-    /// Mean of the contacts on it, metres.
-    pub centre: S::Vector,
-    /// Variance of the height of the plane there, square metres.
-    pub variance: f32,
-    /// Variance of the normal, radians² per axis.
-    pub normal_variance: f32,
-    /// Contacts on it.
-    pub contacts: u16,
-    /// Whether contacts lay beyond it: the object is concave there.
-    pub reentrant: bool,
 }
 
 /// At most `K` hypotheses of at most `FACES` planes; `ROWS` is [`rows`]`(FACES)`, `PACKED` is
@@ -151,16 +142,6 @@ pub struct Hypotheses<
     evidence: f32,
 }
 
-/// What became of the contacts of a grasp.
-#[derive(Clone, Copy, Default)]
-struct Outcome {
-    corrected: bool,
-    lost: bool,
-    dropped: u16,
-    /// Log density of the contacts.
-    density: f32,
-}
-
 impl<
     S: Chart,
     const K: usize,
@@ -171,9 +152,6 @@ impl<
 > Hypotheses<S, K, FACES, ROWS, PACKED, GRASPS>
 {
     const SIZES: () = assert!(K > 0 && K <= LEAVES && FACES > S::DIMENSION, "K: 1 to 32");
-
-    /// Hypotheses less likely than the best by this many nats are given up.
-    const FORLORN: f32 = 15.0;
 
     /// Nothing touched yet, [`Settings::DEFAULT`]; all zero bits.
     pub const fn new() -> Self {
@@ -210,34 +188,6 @@ impl<
         self.lost = 0;
         self.reach = 0.0;
         self.evidence = 0.0;
-    }
-
-    /// The faces of the best hypothesis, in the order they were first touched.
-    pub fn faces(&self) -> impl Iterator<Item = Face<S>> + '_ {
-        self.best().into_iter().flat_map(|best| {
-            (0..best.faces).map(|face| {
-                let (plane, record) = (&best.planes[face], &best.records[face]);
-                let first = S::FREEDOM + S::DIMENSION * face;
-                let axes = chart::across::<S>(plane.normal);
-                let last = S::DIMENSION - 1;
-                let mut height = S::Vector::ZERO;
-                let mut normal_variance = 0.0;
-                for k in 0..last {
-                    height[k] = axes[k].dot(record.centre);
-                    normal_variance += best.joint.at(first + k, first + k) / last as f32;
-                }
-                height[last] = -1.0;
-                Face {
-                    normal: plane.normal,
-                    offset: plane.offset,
-                    centre: record.centre,
-                    variance: best.joint.variance(Sparse([(first, height.as_slice()), (0, &[])])),
-                    normal_variance,
-                    contacts: record.contacts,
-                    reentrant: record.is_reentrant(),
-                }
-            })
-        })
     }
 
     /// The pose of every hypothesis and its share of the belief, best first.
@@ -298,229 +248,6 @@ impl<
                 (past.predicted, past.noise) = (hypothesis.pose, variances);
             }
         }
-    }
-
-    /// What hypothesis `slot` expects of contacts.
-    fn odds(&self, slot: usize) -> Odds {
-        let room = self.slots[slot].room(self.reach);
-        let all = S::DIRECTIONS * self.reach;
-        let density = self.settings.faces / all;
-        let wild = self.settings.wild;
-        Odds {
-            opens: math::ln(density / (1.0 + density * room)),
-            wild: [math::ln(wild / all), math::ln(wild / self.reach)],
-            whole: math::max(1.0 - 2.0 * room / all, 0.0),
-        }
-    }
-
-    /// Explains the first `count` touches by every hypothesis and keeps the best explanations.
-    fn absorb(&mut self, count: usize, grasp: &GraspView<'_, S>) -> Outcome {
-        let lost = self.lost > 0;
-        let wider = if lost { [0.1 * 0.1, 1.5 * 1.5] } else { [0.0; 2] };
-        self.search.clear();
-        for number in 0..self.count {
-            let slot = usize::from(self.order[number]);
-            let odds = self.odds(slot);
-            let felt = Felt { touches: &self.touches[..count], free: grasp.free, wider };
-            // The less likely a hypothesis, the fewer ways it gets to explain the grasp.
-            let share = match self.slots[slot].weight {
-                w if w > -2.0 => 1,
-                w if w > -6.0 => 2,
-                _ => 4,
-            };
-            let width = usize::from(self.settings.beam.max(1)).div_ceil(share);
-            let (search, work, prior) = (&mut self.search, &mut self.work, &self.slots[slot]);
-            if lost {
-                let middle = middle(felt.touches);
-                let turns = (0..S::TURNS).step_by(8);
-                for group in turns {
-                    let group = group..(group + 8).min(S::TURNS);
-                    let roots = group.map(|i| facing(prior, middle, S::turn(i)));
-                    search.explain(work, prior, slot, &felt, &odds, roots, width);
-                }
-            } else {
-                let roots = core::iter::once(S::Tangent::ZERO);
-                search.explain(work, prior, slot, &felt, &odds, roots, width);
-            }
-        }
-        let density = self.density();
-        let Some(best) = self.search.leaves().first() else {
-            return Outcome { lost: self.started, ..Outcome::default() };
-        };
-        let (known, wild) = (usize::from(best.known), usize::from(best.wild));
-        let mapped = self.best().is_some_and(|b| b.faces > S::DIMENSION);
-        let nowhere =
-            if lost { known < S::DIMENSION + 1 || 3 * wild > count } else { 2 * wild > count };
-        if mapped && nowhere {
-            return Outcome { lost: true, ..Outcome::default() };
-        }
-        let corrected = known > 0;
-        let dropped = best.wild.into();
-        self.select(count, grasp.free, wider);
-        Outcome { corrected, lost: false, dropped, density }
-    }
-
-    /// Log density of what was just explained, over all hypotheses and explanations.
-    fn density(&self) -> f32 {
-        let all = |logs: &mut dyn Iterator<Item = f32>| logs.fold(f32::NEG_INFINITY, log_sum);
-        let before =
-            self.order[..self.count].iter().map(|slot| self.slots[usize::from(*slot)].weight);
-        all(&mut self.search.leaves().iter().map(|leaf| leaf.node.score)) - all(&mut { before })
-    }
-
-    /// Replaces the hypotheses by the best explanations.
-    fn select(&mut self, count: usize, free: &[FreePoint<S>], wider: [f32; 2]) {
-        let mut chosen = [0u8; K];
-        let mut kept = 0;
-        let best = self.search.leaves()[0].node.score;
-        for (number, leaf) in self.search.leaves().iter().enumerate() {
-            if kept == K || leaf.node.score < best - Self::FORLORN {
-                break;
-            }
-            let same = chosen[..kept]
-                .iter()
-                .any(|c| self.same(&self.search.leaves()[usize::from(*c)], leaf));
-            if !same {
-                chosen[kept] = number as u8;
-                kept += 1;
-            }
-        }
-        // A hypothesis with several children is copied for all but one of them, into slots without.
-        let mut taken = [false; K];
-        for c in &chosen[..kept] {
-            taken[usize::from(self.search.leaves()[usize::from(*c)].parent)] = true;
-        }
-        let mut inherited = [false; K];
-        let mut order = [0u8; K];
-        for (place, c) in order.iter_mut().zip(&chosen[..kept]) {
-            let parent = usize::from(self.search.leaves()[usize::from(*c)].parent);
-            let mut slot = parent;
-            if core::mem::replace(&mut inherited[parent], true)
-                && let Some(free) = taken.iter().position(|t| !t)
-            {
-                taken[free] = true;
-                slot = free;
-                if let Ok([to, from]) = self.slots.get_disjoint_mut([free, parent]) {
-                    to.copy_from(from);
-                }
-            }
-            *place = slot as u8;
-        }
-        for (slot, c) in order.iter().zip(&chosen[..kept]) {
-            let leaf = self.search.leaves()[usize::from(*c)];
-            self.continue_with(usize::from(*slot), &leaf, count, free, wider);
-        }
-        (self.order, self.count) = (order, kept);
-        self.rank();
-    }
-
-    /// Whether two explanations say the same of pose and planes.
-    fn same(&self, a: &Leaf<S>, b: &Leaf<S>) -> bool {
-        const NEAR: Separation = Separation { translation: 1.5e-3, rotation: 0.03 };
-        let (p, q) = (usize::from(a.parent), usize::from(b.parent));
-        let [p, q] = [p, q].map(|i| self.slots.get(i));
-        let (Some(p), Some(q)) = (p, q) else { return false };
-        p.faces + usize::from(a.opened) == q.faces + usize::from(b.opened)
-            && NEAR.between::<S>(&a.pose, &b.pose) < 1.0
-            && (a.parent == b.parent || alike(p, q))
-    }
-
-    /// Conditions the hypothesis in a slot on an explanation of the grasp.
-    fn continue_with(
-        &mut self,
-        slot: usize,
-        leaf: &Leaf<S>,
-        count: usize,
-        free: &[FreePoint<S>],
-        wider: [f32; 2],
-    ) {
-        let odds = self.odds(slot);
-        let felt = Felt { touches: &self.touches[..count], free, wider };
-        let labels = &leaf.node.labels[..count];
-        let hypothesis = &mut self.slots[slot];
-        let mut opened = hypothesis.faces;
-        replay(&mut self.work, hypothesis, &felt, labels, leaf.node.tangent);
-        settle(&mut self.work, hypothesis, &felt, labels, &odds);
-        for (touch, label) in felt.touches.iter().zip(labels).filter(|(_, l)| **l != WILD) {
-            for face in (0..hypothesis.faces).filter(|f| *label != FACE + *f as u8) {
-                let [height, variance] =
-                    self.work.height(touch.point, touch.point_variance, &hypothesis.pose, face);
-                let record = &mut hypothesis.records[face];
-                record.tested = record.tested.saturating_add(1);
-                if height > 3.0 * math::sqrt(variance) {
-                    record.beyond = record.beyond.saturating_add(1);
-                }
-            }
-        }
-        hypothesis.adopt(&self.work);
-        for (touch, label) in felt.touches.iter().zip(labels) {
-            let face = match *label {
-                WILD => continue,
-                OPENS => {
-                    opened += 1;
-                    opened - 1
-                }
-                face => usize::from(face - FACE),
-            };
-            let point = hypothesis.pose.untransform(touch.point);
-            if let Some(record) = hypothesis.records.get_mut(face) {
-                record.touch(point);
-            }
-        }
-        let concave = hypothesis.is_concave();
-        for record in &mut hypothesis.records[..hypothesis.faces] {
-            record.judge(concave);
-        }
-        hypothesis.weight = leaf.node.score;
-        self.merge(slot, &odds);
-    }
-
-    /// Joins planes that are one: where that they coincide is likelier than that a second was opened
-    /// (the ratio is the density of their difference at zero over that of a new face; Dickey 1971).
-    fn merge(&mut self, slot: usize, odds: &Odds) {
-        let (hypothesis, work) = (&mut self.slots[slot], &mut self.work);
-        let mut b = 1;
-        while b < hypothesis.faces {
-            let mut joined = false;
-            for a in 0..b {
-                work.begin(hypothesis, [0.0; 2]);
-                if let Some(gain) = work.coincidence(a, b)
-                    && gain > odds.opens
-                {
-                    work.join(a, b);
-                    hypothesis.adopt(work);
-                    hypothesis.weight += gain - odds.opens;
-                    let record = hypothesis.records[b];
-                    hypothesis.records[a].merge(&record);
-                    hypothesis.forget_face(b);
-                    joined = true;
-                    break;
-                }
-            }
-            if !joined {
-                b += 1;
-            }
-        }
-    }
-
-    /// Sorts by weight, the best to zero, and gives up the forlorn.
-    fn rank(&mut self) {
-        for i in 1..self.count {
-            let mut j = i;
-            let weight = |i: usize| self.slots[usize::from(self.order[i])].weight;
-            let own = weight(i);
-            while j > 0 && weight(j - 1) < own {
-                j -= 1;
-            }
-            self.order[j..=i].rotate_right(1);
-        }
-        let best = self.best().map_or(0.0, |b| b.weight);
-        for slot in &self.order[..self.count] {
-            self.slots[usize::from(*slot)].weight -= best;
-        }
-        let slots = &self.slots;
-        let kept = |i: &&u8| slots[usize::from(**i)].weight > -Self::FORLORN;
-        self.count = self.order[..self.count].iter().take_while(kept).count();
     }
 
     /// Makes room for new faces by giving up those that only one contact speaks for.
@@ -594,61 +321,6 @@ impl<
 /// The contacts of a grasp that can be used, with unit normals.
 fn good<'a, S: Space>(grasp: &GraspView<'a, S>) -> impl Iterator<Item = Contact<S>> + Clone + 'a {
     grasp.contacts.iter().filter_map(|c| c.checked().ok())
-}
-
-/// The mean of the touches, world frame.
-fn middle<S: Space>(touches: &[Touch<S>]) -> S::Vector {
-    let mut sum = S::Vector::ZERO;
-    for touch in touches {
-        sum += touch.point;
-    }
-    sum * (1.0 / touches.len().max(1) as f32)
-}
-
-/// The tangent at the predicted pose that turns the object by `turn` and brings its middle to
-/// `middle` (world frame).
-fn facing<
-    S: Chart,
-    const FACES: usize,
-    const ROWS: usize,
-    const PACKED: usize,
-    const GRASPS: usize,
->(
-    prior: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>,
-    middle: S::Vector,
-    turn: S::Tangent,
-) -> S::Tangent {
-    let (mut own, mut count) = (S::Vector::ZERO, 0.0);
-    for (_, point) in prior.witnesses() {
-        own += point;
-        count += 1.0;
-    }
-    own = own * (1.0 / math::max(count, 1.0));
-    let turned = prior.pose.retract(turn);
-    let shift = prior.pose.untransform(middle) - prior.pose.unrotate(turned.rotate(own));
-    let mut tangent = turn;
-    for i in 0..S::DIMENSION {
-        tangent[i] = shift[i];
-    }
-    tangent
-}
-
-/// Whether two hypotheses have the same planes.
-fn alike<
-    S: Chart,
-    const FACES: usize,
-    const ROWS: usize,
-    const PACKED: usize,
-    const GRASPS: usize,
->(
-    a: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>,
-    b: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>,
-) -> bool {
-    a.planes[..a.faces].iter().all(|p| {
-        b.planes[..b.faces]
-            .iter()
-            .any(|q| p.normal.dot(q.normal) > 0.998 && (p.offset - q.offset).abs() < 2e-3)
-    })
 }
 
 impl<

@@ -58,7 +58,8 @@ pub enum Status {
     Tracking,
     /// Nothing usable was felt: the pose is the prediction.
     Predicted,
-    /// The grasp fits at several poses, see [`Estimate::modes`]; the pose is the heaviest one's.
+    /// The grasp fits at several poses, see [`Estimate::modes`]; the pose is the heaviest one's. Or at one,
+    /// but only had the object slipped there, and the next grasp has yet to agree.
     Ambiguous,
     /// The grasp fits nowhere. The pose is the prediction and the shape was left alone; later grasps
     /// may find the object again.

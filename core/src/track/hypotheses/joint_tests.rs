@@ -1,9 +1,10 @@
 //! The packed arithmetic against textbook formulas in double precision.
 
 use super::chart::Chart;
-use super::hypothesis::{Hypothesis, Work};
+use super::hypothesis::Hypothesis;
 use super::joint::{Joint, Sparse, log_normal, normal};
 use super::plane::{Plane, Touch, measure, solve};
+use super::work::Work;
 use crate::matrix::{Coordinates, Square, Vector};
 use crate::space::{Planar, Pose, Space, Spatial};
 use proptest::prelude::*;

@@ -6,41 +6,21 @@ use crate::math;
 use crate::matrix::Coordinates;
 use crate::space::{Pose, Space};
 
+use super::beam::{Beam, FACE, Node, OPENS, WILD};
 use super::chart::Chart;
-use super::hypothesis::{Hypothesis, Work};
+use super::hypothesis::Hypothesis;
 use super::joint::normal;
 use super::plane::{BEYOND, Record, Touch};
-
-/// Contacts that are explained together; a larger grasp is taken in parts.
-pub(super) const TOUCHES: usize = 16;
+use super::work::Work;
 
 /// Partial answers kept at most while a grasp is being explained.
-pub(super) const BEAM: usize = 16;
+const BEAM: usize = 16;
 
 /// Whole answers kept at most, of all hypotheses.
 pub(super) const LEAVES: usize = 32;
 
 /// Partial answers this many nats behind the best are given up.
 const HOPELESS: f32 = 12.0;
-
-/// Where a contact belongs: nowhere, on a face that it opens, or on face `label − FACE`.
-pub(super) const WILD: u8 = 0;
-pub(super) const OPENS: u8 = 1;
-pub(super) const FACE: u8 = 2;
-
-/// An answer for the first contacts of a grasp.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Node<S: Space> {
-    pub labels: [u8; TOUCHES],
-    /// Where the pose is, as a tangent at the predicted one.
-    pub tangent: S::Tangent,
-    /// Log evidence.
-    pub score: f32,
-}
-
-impl<S: Space> Node<S> {
-    pub const UNSET: Self = Node { labels: [WILD; TOUCHES], tangent: S::Tangent::ZERO, score: 0.0 };
-}
 
 /// An answer for a whole grasp.
 #[derive(Clone, Copy, Debug)]
@@ -81,52 +61,6 @@ pub(super) struct Felt<'a, S: Space> {
     pub free: &'a [FreePoint<S>],
     /// Further doubt about the predicted pose: variances of each translation and rotation.
     pub wider: [f32; 2],
-}
-
-/// A list of at most `N` answers, best first; no two with the same labels.
-#[derive(Clone, Debug)]
-pub(super) struct Beam<S: Space, const N: usize> {
-    nodes: [Node<S>; N],
-    count: usize,
-}
-
-impl<S: Space, const N: usize> Beam<S, N> {
-    pub const fn new() -> Self {
-        Beam { nodes: [Node::UNSET; N], count: 0 }
-    }
-
-    pub fn clear(&mut self) {
-        self.count = 0;
-    }
-
-    pub fn as_slice(&self) -> &[Node<S>] {
-        &self.nodes[..self.count]
-    }
-
-    /// Keeps the node when it is among the best `width`.
-    pub fn offer(&mut self, node: Node<S>, width: usize) {
-        let width = width.min(N);
-        if !node.score.is_finite() {
-            return;
-        }
-        if let Some(same) = self.as_slice().iter().position(|n| n.labels == node.labels) {
-            if self.nodes[same].score >= node.score {
-                return;
-            }
-            self.nodes.copy_within(same + 1..self.count, same);
-            self.count -= 1;
-        }
-        let mut place = self.count;
-        while place > 0 && self.nodes[place - 1].score < node.score {
-            place -= 1;
-        }
-        if place >= width {
-            return;
-        }
-        self.count = (self.count + 1).min(width);
-        self.nodes.copy_within(place..self.count - 1, place + 1);
-        self.nodes[place] = node;
-    }
 }
 
 /// Log probability that a point is on the right side: its height in metres, the variance of that,
@@ -335,16 +269,12 @@ impl<S: Chart> Search<S> {
         roots: impl Iterator<Item = S::Tangent>,
         width: usize,
     ) {
-        self.now.clear();
-        for tangent in roots.take(BEAM) {
-            self.now.nodes[self.now.count] = Node { tangent, ..Node::UNSET };
-            self.now.count += 1;
-        }
+        self.now.start(roots);
         for (index, touch) in felt.touches.iter().enumerate() {
             self.next.clear();
             let hopeless = self.now.as_slice().first().map_or(0.0, |n| n.score) - HOPELESS;
-            for number in 0..self.now.count {
-                let node = self.now.nodes[number];
+            for number in 0..self.now.as_slice().len() {
+                let node = self.now.as_slice()[number];
                 if node.score < hopeless {
                     break;
                 }
@@ -353,8 +283,8 @@ impl<S: Chart> Search<S> {
             }
             core::mem::swap(&mut self.now, &mut self.next);
         }
-        for number in 0..self.now.count {
-            let node = self.now.nodes[number];
+        for number in 0..self.now.as_slice().len() {
+            let node = self.now.as_slice()[number];
             let best = self.leaves().first().map_or(f32::NEG_INFINITY, |l| l.node.score);
             if prior.weight + node.score < best - 2.0 * HOPELESS {
                 break;

@@ -1,0 +1,81 @@
+//! Which trajectories stay: the best first, equal ones as one, without the improbable.
+
+use super::Curved;
+use crate::math;
+use crate::space::Space;
+use crate::surface::Revisable;
+use crate::track::Separation;
+
+/// Poses of a hypothesis that differ by less in every grasp make it a copy.
+const COPY: Separation = Separation { translation: 0.002, rotation: 0.035 };
+
+impl<
+    S: Space,
+    M: Revisable<S>,
+    const HYPOTHESES: usize,
+    const GRASPS: usize,
+    const CONTACTS: usize,
+    const ROWS: usize,
+> Curved<S, M, HYPOTHESES, GRASPS, CONTACTS, ROWS>
+{
+    /// Sorts and weighs, drops copies and the improbable.
+    pub(super) fn choose(&mut self) {
+        self.order();
+        self.forget_copies();
+        self.weigh();
+    }
+
+    /// Best first: insertion sort of a handful.
+    pub(super) fn order(&mut self) {
+        for i in 1..self.count {
+            let mut j = i;
+            while j > 0 && self.hypotheses[j].evidence > self.hypotheses[j - 1].evidence {
+                exchange(&mut self.hypotheses, j - 1, j);
+                j -= 1;
+            }
+        }
+    }
+
+    /// Of trajectories that are the same only the best stays.
+    fn forget_copies(&mut self) {
+        let grasps = self.memory.grasps().len();
+        let mut kept = 0;
+        for index in 0..self.count {
+            let (before, rest) = self.hypotheses.split_at(index);
+            let Some(this) = rest.first() else { break };
+            let copy = before[..kept].iter().any(|other| {
+                let poses = this.poses[..grasps].iter().zip(&other.poses);
+                poses.into_iter().all(|(a, b)| COPY.between::<S>(a, b) < 1.0)
+            });
+            if !copy {
+                exchange(&mut self.hypotheses, kept, index);
+                kept += 1;
+            }
+        }
+        self.count = kept;
+    }
+
+    /// Weights from evidence; the improbable go.
+    pub(super) fn weigh(&mut self) {
+        let Some(best) = self.hypotheses[..self.count].first().map(|h| h.evidence) else { return };
+        let limit = best - self.settings.prune;
+        self.count =
+            self.hypotheses[..self.count].iter().take_while(|h| h.evidence >= limit).count();
+        let mut total = 0.0;
+        for hypothesis in &mut self.hypotheses[..self.count] {
+            hypothesis.weight = math::exp(hypothesis.evidence - best);
+            total += hypothesis.weight;
+        }
+        for hypothesis in &mut self.hypotheses[..self.count] {
+            hypothesis.weight *= 1.0 / total;
+        }
+    }
+}
+
+/// Swaps two hypotheses of which `before` comes first, without a third on the stack.
+fn exchange<H>(hypotheses: &mut [H], before: usize, after: usize) {
+    if before < after && after < hypotheses.len() {
+        let (head, tail) = hypotheses.split_at_mut(after);
+        core::mem::swap(&mut head[before], &mut tail[0]);
+    }
+}

@@ -1,0 +1,130 @@
+//! The linear model of trajectory and surface against integration and differences.
+
+use super::tests::{ELLIPSE, KERNEL, Shape, view};
+use super::*;
+use crate::matrix::{Matrix, Vector};
+use crate::random::Random;
+use crate::space::{Planar, PlanarPose};
+use crate::surface::{Ball, Map, Prior, Surface, Training};
+
+#[test]
+fn laplace_agrees_with_integration() {
+    // What is known of a disc with a dent, and one more contact whose pose may be off along x only.
+    let mut random = Random::new(1);
+    let mut map = Shape::new();
+    map.configure(KERNEL, Ball::UNSET, Training::Normals);
+    for i in 0..9 {
+        let contact = ELLIPSE.touch(&PlanarPose::IDENTITY, 0.7 * i as f32, &mut random);
+        map.insert(&contact);
+    }
+    map.refit();
+    let mut memory = Memory::<Planar, 2, 8>::new();
+    let drift = Drift { translation: 9e-6, rotation: 4e-4 };
+    let still = Move { motion: PlanarPose::IDENTITY, drift };
+    let felt = ELLIPSE.grasp(&PlanarPose::new(Vector([0.002, -0.001]), 0.01), &mut random);
+    memory.push(0, still, &view(&felt));
+    let mut hypothesis = Hypothesis::<Planar, 2, 8>::UNSET;
+    hypothesis.base = PlanarPose::IDENTITY;
+    // At its best place: two rounds.
+    let since = map.rows();
+    let mut trajectory = Trajectory::<Planar, 2, 8, 180>::new();
+    (hypothesis.about[0], hypothesis.poses[0]) = (PlanarPose::IDENTITY, PlanarPose::IDENTITY);
+    let surface = map.clone();
+    let zero = Matrix::<3>::ZERO;
+    let bend = |h: &mut Hypothesis<Planar, 2, 8>| {
+        h.about[0] = h.poses[0];
+        for (belief, touch) in h.beliefs.iter_mut().zip(memory.touches()) {
+            *belief = Belief::new(surface.bend(h.about[0].untransform(touch.point)));
+        }
+    };
+    for _ in 0..5 {
+        bend(&mut hypothesis);
+        trajectory.place(&mut map, since, Some(&zero), &memory, &hypothesis, 1);
+        trajectory.settle(&map, since, &memory, &mut hypothesis);
+    }
+    let covariance = trajectory.covariance(&map, since);
+    map.withdraw(since);
+    map.refit();
+    trajectory.place(&mut map, since, Some(&zero), &memory, &hypothesis, 0);
+    trajectory.append(&mut map, since, Some(&zero), &memory, &hypothesis, 0);
+    let laplace = map.log_density_since(since);
+
+    // The same by brute force: the surface's prediction of the contacts at every pose of a grid.
+    let mut total = 0.0f64;
+    let (mut mean, mut square) = ([0.0f64; 3], [0.0f64; 3]);
+    let steps = [drift.translation.sqrt(), drift.translation.sqrt(), drift.rotation.sqrt()];
+    let mut exact = surface.clone();
+    let known = [Vector::<3>::ZERO; 4];
+    for i in -10i32..=10 {
+        for j in -10i32..=10 {
+            for k in -10i32..=10 {
+                let grid = [i, j, k].map(|v| 0.35 * v as f32);
+                let tangent = Vector([grid[0] * steps[0], grid[1] * steps[1], grid[2] * steps[2]]);
+                let pose = PlanarPose::IDENTITY.retract(tangent);
+                exact.withdraw(since);
+                for touch in memory.touches() {
+                    let shared = crate::surface::Shared {
+                        offset: [0.0; 4],
+                        lever: &known,
+                        spread: &[],
+                        since,
+                    };
+                    assert_eq!(exact.append(&touch.seen_from(&pose), &shared), 3);
+                }
+                let prior: f32 = grid.iter().map(|g| -0.5 * g * g - 0.918_938_5).sum();
+                let density =
+                    f64::from(exact.log_density_since(since) + prior).exp() * 0.35f64.powi(3);
+                total += density;
+                for axis in 0..3 {
+                    mean[axis] += density * f64::from(tangent[axis]);
+                    square[axis] += density * f64::from(tangent[axis]).powi(2);
+                }
+            }
+        }
+    }
+    assert!((f64::from(laplace) - total.ln()).abs() < 0.15, "{laplace} {}", total.ln());
+    let apart = PlanarPose::IDENTITY.local(&hypothesis.poses[0]);
+    for axis in 0..3 {
+        let mean = mean[axis] / total;
+        let deviation = (square[axis] / total - mean * mean).sqrt();
+        let laplace = f64::from(covariance.0[axis][axis]).sqrt();
+        assert!((laplace / deviation - 1.0).abs() < 0.15, "{axis}: {laplace} {deviation}");
+        assert!((f64::from(apart[axis]) - mean).abs() < 0.3 * deviation, "{axis}");
+    }
+}
+
+#[test]
+fn levers_are_derivatives() {
+    let mut random = Random::new(3);
+    let mut map = Shape::new();
+    map.configure(KERNEL, Ball::UNSET, Training::Normals);
+    for i in 0..12 {
+        map.insert(&ELLIPSE.touch(&PlanarPose::IDENTITY, 0.6 * i as f32, &mut random));
+    }
+    map.refit();
+    let pose = PlanarPose::new(Vector([0.1, -0.2]), 0.7);
+    let world = ELLIPSE.touch(&pose, 0.25, &mut random);
+    let residual = |pose: &PlanarPose| {
+        let probe = map.probe(pose.untransform(world.point));
+        let n = pose.unrotate(world.normal.unwrap());
+        [-probe.value, n[0] - probe.gradient[0], n[1] - probe.gradient[1]]
+    };
+    let seen = Contact {
+        point: pose.untransform(world.point),
+        normal: world.normal.map(|n| pose.unrotate(n)),
+        ..world
+    };
+    let bend = map.bend(seen.point);
+    for axis in 0..3 {
+        let h = if axis < 2 { 5e-4 } else { 1e-2 };
+        let mut step = Vector::<3>::ZERO;
+        step[axis] = h;
+        let (ahead, behind) = (residual(&pose.retract(step)), residual(&pose.retract(-step)));
+        for part in 0..3 {
+            let slope = (ahead[part] - behind[part]) / (2.0 * h);
+            let lever = -trajectory::lever(&seen, &bend, part)[axis];
+            let scale = if part > 0 && axis < 2 { 20.0 } else { 1.0 };
+            assert!((slope - lever).abs() < 0.06 * scale, "{axis} {part}: {slope} {lever}");
+        }
+    }
+}
