@@ -25,7 +25,7 @@ pub struct SlamArgs {
     /// Grasp log; without one, the bundled recording
     log: Option<PathBuf>,
     /// How poses are estimated
-    #[arg(long, value_enum, default_value_t = Kind::Bootstrap)]
+    #[arg(long, value_enum, default_value_t = Kind::Automatic)]
     tracker: Kind,
     /// Correction of all poses together, after the tracker [default: planes, for --poses truth none]
     #[arg(long, value_enum)]

@@ -118,7 +118,7 @@ fn simulated(object: &str, dimension: u64, reach: f64) {
     }
     let printed = place.tactile("slam a.jsonl --seed 5 --out r --json").done().says(&[]).json();
     let report = results(&place, "r", &printed);
-    assert_eq!((&report["contacts"], &report["tracker"]), (&contacts.into(), &"bootstrap".into()));
+    assert_eq!((&report["contacts"], &report["tracker"]), (&contacts.into(), &"auto".into()));
     assert!(figure(&report, "/surface/hausdorff_aligned_mm") < 60.0, "{report}");
     assert!(figure(&report, "/contact_rms_mm") < 15.0, "{report}");
 }
