@@ -25,7 +25,7 @@ const OBJECTS: [(&str, u64, f64); 10] = [
 ];
 
 /// The fields of report.json in their documented order.
-const REPORT: [&str; 9] = [
+const REPORT: [&str; 10] = [
     "grasps",
     "contacts",
     "dimension",
@@ -35,6 +35,7 @@ const REPORT: [&str; 9] = [
     "contact_rms_mm",
     "seconds",
     "lost",
+    "ambiguous",
 ];
 
 fn figure(report: &Value, path: &str) -> f64 {
