@@ -57,7 +57,7 @@ pub fn follow(log: &GraspLog, directions: &[Point], seed: u64) -> Vec<Step> {
             // That of the face: its own would tell the shape's secrets by its noise.
             let alike = |a: &&Point, b: &&Point| a.dot(&felt).total_cmp(&b.dot(&felt));
             let Some(normal) = directions.iter().max_by(alike) else { continue };
-            let arm = (to_object * nalgebra::Point3::from(contact.point)).coords.cross(&normal);
+            let arm = (to_object * nalgebra::Point3::from(contact.point)).coords.cross(normal);
             let distance = Vector6::new(normal.x, normal.y, normal.z, arm.x, arm.y, arm.z);
             observe(&mut covariance, &distance, point_deviation);
             for axis in across(log.dimension, normal) {
