@@ -65,7 +65,11 @@ pub fn follow(log: &GraspLog, directions: &[Point], seed: u64) -> Vec<Step> {
                 observe(&mut covariance, &turn, normal_deviation);
             }
         }
-        let error = draw(&covariance, &mut random);
+        let mut error = draw(&covariance, &mut random);
+        if log.dimension == 2 {
+            // Eigenvectors leave the plane by rounding.
+            error.fixed_rows_mut::<3>(2).fill(0.0);
+        }
         let turn = UnitQuaternion::from_scaled_axis(error.fixed_rows::<3>(3).into_owned());
         let shift = error.fixed_rows::<3>(0).into_owned();
         let pose = truth * Pose::from_parts(shift.into(), turn);
