@@ -169,7 +169,7 @@ mod firmware {
         const HALF: [f32; 3] = [0.05, 0.03, 0.02];
         core::array::from_fn(|finger| {
             let face = (number as usize + 3 * finger) % (2 * S::DIMENSION);
-            let (axis, sign) = (face / 2, if face % 2 == 0 { 1.0 } else { -1.0 });
+            let (axis, sign) = (face / 2, [1.0, -1.0][face & 1]);
             let mut normal = S::Vector::ZERO;
             normal[axis] = sign;
             let mut point = S::Vector::from_fn(|i| {
