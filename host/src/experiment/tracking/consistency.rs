@@ -4,7 +4,7 @@
 //! Gaussian belief follows χ² with as many degrees of freedom as the pose has (Bar-Shalom, Li &
 //! Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 5.4). A covariance is
 //! about the frame that the tracker chose; there are two ways to say where that lies. By its first
-//! grasp: then the error holds all drift since. By its map, as [`judge`](super::judge): then it holds
+//! grasp: then the error holds all drift since. By its map, as [`judge`](super::judge::judge): then it holds
 //! what the last grasp did not settle.
 
 use std::fmt;
