@@ -168,7 +168,7 @@ fn records<S: Sample>(faults: Faults) {
     replayed.write_csv(&mut csv).unwrap();
     let csv = String::from_utf8(csv).unwrap();
     let columns: Vec<usize> = csv.lines().map(|l| l.split(',').count()).collect();
-    assert_eq!(columns, [if log.dimension == 2 { 14 } else { 21 }; 6]);
+    assert_eq!(columns, [if log.dimension == 2 { 15 } else { 22 }; 6]);
 }
 
 #[test]
