@@ -3,7 +3,7 @@
 use heapless::Vec;
 
 use crate::matrix::Coordinates;
-use crate::space::Space;
+use crate::space::{Pose, Space};
 
 /// One fingertip on the surface, in the world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -116,4 +116,22 @@ pub struct GraspView<'a, S: Space> {
     pub contacts: &'a [Contact<S>],
     /// What was not.
     pub free: &'a [FreePoint<S>],
+}
+
+impl<'a, S: Space> GraspView<'a, S> {
+    /// The contacts that can be used ([`Contact::checked`]), with unit normals.
+    pub fn usable(&self) -> impl Iterator<Item = Contact<S>> + Clone + use<'a, S> {
+        self.contacts.iter().filter_map(|contact| contact.checked().ok())
+    }
+
+    /// Points and normals of the usable contacts that have one, in the frame of an object at `pose`.
+    pub fn felt_from(
+        &self,
+        pose: &S::Pose,
+    ) -> impl Iterator<Item = (S::Vector, S::Vector)> + Clone + use<'a, S> {
+        let pose = *pose;
+        let placed =
+            move |c: Contact<S>| Some((pose.untransform(c.point), pose.unrotate(c.normal?)));
+        self.usable().filter_map(placed)
+    }
 }

@@ -121,7 +121,7 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
     fn start(&mut self, grasp: &GraspView<'_, S>) {
         let mut centroid = S::Vector::ZERO;
         let mut count = 0.0;
-        for contact in good(grasp) {
+        for contact in grasp.usable() {
             centroid += contact.point;
             count += 1.0;
         }
@@ -148,7 +148,7 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
         let map = &self.map;
         let best = self.particles.compare(|pose| {
             let (mut sum, mut close, mut all) = (0.0, 0, 0);
-            for contact in good(grasp) {
+            for contact in grasp.usable() {
                 let probe = map.probe(pose.untransform(contact.point));
                 sum += log_likelihood(&probe, contact.normal.map(|n| pose.unrotate(n)), &contact);
                 all += 1;
@@ -172,7 +172,7 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
     /// Whether most contacts are strange to the map at this pose.
     fn contradicts(&self, grasp: &GraspView<'_, S>, pose: &S::Pose) -> bool {
         let (mut strange, mut all) = (0, 0);
-        for contact in good(grasp) {
+        for contact in grasp.usable() {
             let probe = self.map.probe(pose.untransform(contact.point));
             let normal = contact.normal.map(|n| pose.unrotate(n));
             strange += usize::from(is_strange(&probe, normal, &contact));
@@ -205,14 +205,14 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
         // is inserted. (One bit each; beyond 128 in a grasp all are learnt.)
         let mut wild = 0u128;
         if self.map.contacts() > 0 {
-            for (contact, bit) in good(grasp).zip(0..u128::BITS) {
+            for (contact, bit) in grasp.usable().zip(0..u128::BITS) {
                 let placed = place(&contact, pose, covariance);
                 let probe = self.map.probe(placed.point);
                 wild |= u128::from(is_strange(&probe, placed.normal, &placed)) << bit;
             }
         }
         let mut dropped = 0u16;
-        for (number, contact) in good(grasp).enumerate() {
+        for (number, contact) in grasp.usable().enumerate() {
             if number < 128 && wild >> number & 1 == 1 {
                 continue;
             }
@@ -238,11 +238,6 @@ enum Fit {
     Refused,
     /// At none: most of it contradicts the map even where it fits best.
     Nowhere,
-}
-
-/// The contacts of a grasp that can be used, with unit normals.
-fn good<'a, S: Space>(grasp: &GraspView<'a, S>) -> impl Iterator<Item = Contact<S>> + Clone + 'a {
-    grasp.contacts.iter().filter_map(|c| c.checked().ok())
 }
 
 /// The contact in the object frame at an uncertain pose.
@@ -273,7 +268,7 @@ fn place<S: Space>(contact: &Contact<S>, pose: &S::Pose, covariance: &S::Covaria
 
 impl<S: Space, M: Map<S>, const PARTICLES: usize> Tracker<S> for Bootstrap<S, M, PARTICLES> {
     fn update(&mut self, motion: Option<&S::Pose>, grasp: GraspView<'_, S>) -> Estimate<S> {
-        let contacts = good(&grasp).count();
+        let contacts = grasp.usable().count();
         let mut resampled = false;
         let mut status = Status::Started;
         if !self.started {
@@ -307,8 +302,7 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Tracker<S> for Bootstrap<S, M,
         if status != Status::Lost {
             dropped = self.learn(&grasp, &pose, &covariance);
         }
-        let felt = good(&grasp)
-            .filter_map(|c| Some((pose.untransform(c.point), pose.unrotate(c.normal?))));
+        let felt = grasp.felt_from(&pose);
         let estimate = Estimate {
             grasp: self.grasps,
             pose,

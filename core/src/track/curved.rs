@@ -37,7 +37,7 @@ mod small;
 mod smoothing;
 mod trajectory;
 
-use crate::contact::{Contact, GraspView};
+use crate::contact::GraspView;
 use crate::math;
 use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
@@ -196,7 +196,7 @@ impl<
     /// Fixes the object frame at the centroid of the first contacts.
     fn start(&mut self, grasp: &GraspView<'_, S>) -> u16 {
         let (mut centroid, mut count) = (S::Vector::ZERO, 0.0);
-        for contact in good(grasp) {
+        for contact in grasp.usable() {
             centroid += contact.point;
             count += 1.0;
         }
@@ -300,7 +300,7 @@ impl<
     fn learn(&mut self, grasp: &GraspView<'_, S>, contacts: usize) -> (Status, u16) {
         let mut dropped = self.make_room(contacts);
         dropped = dropped.saturating_add(self.memory.push(self.grasps, self.pending, grasp));
-        let nowhere: f32 = good(grasp).map(|c| wild(&c)).sum();
+        let nowhere: f32 = grasp.usable().map(|c| wild(&c)).sum();
         let mut density = math::ln(1.0 - SLIP) + self.branch(grasp);
         if !self.is_found(density, nowhere) {
             self.memory.pop();
@@ -324,11 +324,6 @@ impl<
     }
 }
 
-/// The contacts of a grasp that can be used, with unit normals.
-fn good<'a, S: Space>(grasp: &GraspView<'a, S>) -> impl Iterator<Item = Contact<S>> + Clone + 'a {
-    grasp.contacts.iter().filter_map(|c| c.checked().ok())
-}
-
 impl<
     S: Space,
     M: Revisable<S>,
@@ -342,7 +337,7 @@ impl<
         if !self.configured {
             self.configure(Settings::DEFAULT);
         }
-        let contacts = good(&grasp).count();
+        let contacts = grasp.usable().count();
         let begun = self.started;
         if begun {
             self.move_on(motion);
@@ -358,8 +353,7 @@ impl<
         if corrected && modes.disagree(AMBIGUOUS) {
             status = Status::Ambiguous;
         }
-        let felt = good(&grasp)
-            .filter_map(|c| Some((pose.untransform(c.point), pose.unrotate(c.normal?))));
+        let felt = grasp.felt_from(&pose);
         let estimate = Estimate {
             grasp: self.grasps,
             pose,

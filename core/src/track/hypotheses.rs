@@ -38,7 +38,7 @@ mod tests;
 pub use chart::Chart;
 pub use face::Face;
 
-use crate::contact::{Contact, GraspView};
+use crate::contact::GraspView;
 use crate::math;
 use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
@@ -208,7 +208,7 @@ impl<
     /// Fixes the object frame at the centroid of the first contacts.
     fn start(&mut self, grasp: &GraspView<'_, S>) {
         let (mut centroid, mut count) = (S::Vector::ZERO, 0.0);
-        for contact in good(grasp) {
+        for contact in grasp.usable() {
             centroid += contact.point;
             count += 1.0;
         }
@@ -220,7 +220,7 @@ impl<
             self.started = true;
         }
         let mut furthest = 0.01 * 0.01;
-        for contact in good(grasp) {
+        for contact in grasp.usable() {
             furthest = math::max(furthest, (contact.point - centroid).norm_squared());
         }
         self.reach = 1.5 * math::sqrt(furthest);
@@ -318,11 +318,6 @@ impl<
     }
 }
 
-/// The contacts of a grasp that can be used, with unit normals.
-fn good<'a, S: Space>(grasp: &GraspView<'a, S>) -> impl Iterator<Item = Contact<S>> + Clone + 'a {
-    grasp.contacts.iter().filter_map(|c| c.checked().ok())
-}
-
 impl<
     S: Chart,
     const K: usize,
@@ -336,7 +331,7 @@ impl<
         if !self.configured {
             self.configure(Settings::DEFAULT);
         }
-        let contacts = good(&grasp).count();
+        let contacts = grasp.usable().count();
         let begun = self.started;
         if begun {
             self.predict(motion);
@@ -345,7 +340,7 @@ impl<
             self.start(&grasp);
         }
         let mut outcome = Outcome::default();
-        let mut felt = good(&grasp);
+        let mut felt = grasp.usable();
         loop {
             let mut count = 0;
             for (touch, contact) in self.touches.iter_mut().zip(&mut felt) {
@@ -366,7 +361,7 @@ impl<
         }
         if begun {
             self.evidence +=
-                if outcome.lost { good(&grasp).map(|c| wild(&c)).sum() } else { outcome.density };
+                if outcome.lost { grasp.usable().map(|c| wild(&c)).sum() } else { outcome.density };
         }
         if contacts > 0 {
             self.lost = if outcome.lost { self.lost.saturating_add(1) } else { 0 };
@@ -383,8 +378,7 @@ impl<
             _ => Status::Tracking,
         };
         let squares: f32 = self.hypotheses().map(|(share, _)| share * share).sum();
-        let placed = good(&grasp)
-            .filter_map(|c| Some((pose.untransform(c.point), pose.unrotate(c.normal?))));
+        let placed = grasp.felt_from(&pose);
         let estimate = Estimate {
             grasp: self.grasps,
             pose,

@@ -18,7 +18,7 @@ mod shape;
 pub use face::{Face, Faceted};
 pub use shape::Shape;
 
-use crate::contact::{Contact, GraspView};
+use crate::contact::GraspView;
 use crate::math;
 use crate::matrix::Coordinates;
 use crate::random::Random;
@@ -220,7 +220,7 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
         let Running { motion: noise, random } = self.running();
         let (noise, mut random) = (noise.after_losing(lost), random.clone());
         let felt = centroid(grasp);
-        let contacts = good(grasp).count() as u32;
+        let contacts = grasp.usable().count() as u32;
         let enough = math::max(3.0, 0.6 * contacts as f32);
         let (mut strange, mut fitting, mut total) = (0.0, 0.0, 0.0);
         let mut greatest = f32::NEG_INFINITY;
@@ -318,7 +318,7 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
         let number = (self.grasps & 0xffff) as u16;
         let mut dropped = 0.0;
         for (particle, weight) in self.particles.iter_mut().zip(&self.weights) {
-            for contact in good(grasp) {
+            for contact in grasp.usable() {
                 let felt = face::Felt::at(&particle.pose, &contact);
                 dropped += weight * f32::from(particle.shape.learn(&felt, number));
             }
@@ -356,16 +356,11 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
     }
 }
 
-/// The contacts of a grasp that can be used, with unit normals.
-fn good<'a, S: Space>(grasp: &GraspView<'a, S>) -> impl Iterator<Item = Contact<S>> + Clone + 'a {
-    grasp.contacts.iter().filter_map(|c| c.checked().ok())
-}
-
 /// Mean of the contacts' places; the origin without any.
 fn centroid<S: Space>(grasp: &GraspView<'_, S>) -> S::Vector {
     let mut sum = S::Vector::ZERO;
     let mut count = 0.0;
-    for contact in good(grasp) {
+    for contact in grasp.usable() {
         sum += contact.point;
         count += 1.0;
     }
@@ -376,7 +371,7 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
     for RaoBlackwell<S, PARTICLES, FACES, HISTORY>
 {
     fn update(&mut self, motion: Option<&S::Pose>, grasp: GraspView<'_, S>) -> Estimate<S> {
-        let contacts = good(&grasp).count();
+        let contacts = grasp.usable().count();
         let motion = motion.filter(|m| m.is_finite());
         let mut status = Status::Started;
         if !self.started {
@@ -414,8 +409,7 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
         let dropped = if corrected || status == Status::Started { self.learn(&grasp) } else { 0 };
         let family = self.particles.iter().zip(&self.parents).map(|(p, parent)| (p.pose, *parent));
         self.genealogy.record(family);
-        let felt = good(&grasp)
-            .filter_map(|c| Some((pose.untransform(c.point), pose.unrotate(c.normal?))));
+        let felt = grasp.felt_from(&pose);
         let estimate = Estimate {
             grasp: self.grasps,
             pose,

@@ -143,7 +143,7 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize> Memory<S, GRASPS, CON
     pub fn push(&mut self, number: u32, moved: Move<S>, grasp: &GraspView<'_, S>) -> u16 {
         let Some(place) = self.grasps.get_mut(self.count) else { return 0 };
         let (mut count, mut left) = (0, 0);
-        for contact in super::good(grasp) {
+        for contact in grasp.usable() {
             match self.touches.get_mut(self.touched + usize::from(count)) {
                 Some(touch) => {
                     *touch = Touch::new(&contact);

@@ -2,6 +2,7 @@
 
 use super::tests::{ELLIPSE, KERNEL, Shape, view};
 use super::*;
+use crate::contact::Contact;
 use crate::matrix::{Matrix, Vector};
 use crate::random::Random;
 use crate::space::{Planar, PlanarPose};

@@ -2,6 +2,7 @@
 
 use super::tests::{Ellipse, World, off, tracker, view};
 use super::*;
+use crate::contact::Contact;
 use crate::matrix::Vector;
 use crate::space::{Planar, PlanarPose};
 use core::f32::consts::TAU;

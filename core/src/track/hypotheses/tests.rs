@@ -1,4 +1,5 @@
 use super::*;
+use crate::contact::Contact;
 use crate::matrix::Vector;
 use crate::random::Random;
 use crate::space::{Planar, PlanarPose, Spatial, SpatialPose};

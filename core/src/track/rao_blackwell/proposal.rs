@@ -108,7 +108,7 @@ pub(super) fn agreement<S: Faceted, const FACES: usize>(
     grasp: &GraspView<'_, S>,
 ) -> Agreement {
     let mut agreement = Agreement::default();
-    for contact in super::good(grasp) {
+    for contact in grasp.usable() {
         let explained = view.explain(&Felt::at(pose, &contact));
         agreement.log += explained.log;
         agreement.fitting += u32::from(explained.fits);
@@ -209,7 +209,7 @@ pub(super) fn draw<S: Faceted, const FACES: usize>(
     // so that no pose is left without a proposal.
     let mut alone = Peak::of(prior);
     let unknown = math::ln(view.unknown());
-    alone.share = super::good(grasp).map(|_| unknown).sum::<f32>() + free(view, &alone.pose, grasp);
+    alone.share = grasp.usable().map(|_| unknown).sum::<f32>() + free(view, &alone.pose, grasp);
     let greatest = peaks.iter().take(count).fold(alone.share, |most, p| math::max(most, p.share));
     alone.share = math::max(alone.share, greatest + math::ln(DEFENCE));
     peaks[count] = alone;
@@ -313,7 +313,7 @@ fn normal_equations<S: Faceted, const FACES: usize>(
     let MotionNoise { translation, rotation } = prior.noise;
     let turned = blur * rotation * rotation;
     let moved = blur * translation * translation;
-    for contact in super::good(grasp) {
+    for contact in grasp.usable() {
         let felt = Felt::at(pose, &contact);
         let blurred = [moved + turned * felt.point.norm_squared(), turned];
         let Some((plane, residual, mut share)) = view.nearest(&felt, blurred) else { continue };

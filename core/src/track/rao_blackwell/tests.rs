@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use super::face::Felt;
 use super::proposal::{Prior, draw};
 use super::*;
-use crate::contact::FreePoint;
+use crate::contact::{Contact, FreePoint};
 use crate::matrix::{Square, Vector};
 use crate::space::{Planar, PlanarPose, Spatial, SpatialPose};
 
