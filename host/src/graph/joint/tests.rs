@@ -1,13 +1,13 @@
 use nalgebra::SVector;
 use proptest::prelude::*;
 
-use super::Kind;
 use super::alias::restart;
 use super::explain::{improve, settle};
 use super::planes::{Corrected, Effort, planes};
 use super::problem::{Labels, Problem, State};
 use super::solve::{linearise, solve};
 use super::tangent::{Tangent, axes, local, retract};
+use crate::graph::Kind;
 use crate::log::GraspLog;
 use crate::quantity::Deviation;
 use crate::sim::{Options, simulate};

@@ -1,0 +1,60 @@
+//! The joint graph: all poses and the object's surface estimated together, after the tracker.
+//!
+//! Every contact is one measurement of one face (or of one smooth surface) from one pose, and poses,
+//! faces and motions are solved in one least-squares problem (planar SLAM: Kaess, ICRA 2015; the
+//! sparsity is that of bundle adjustment, Triggs et al. 2000).
+//!
+//! [`planes`](mod@planes) is the entrance. Below it, [`problem`] holds the measurements and the
+//! unknowns, [`factors`] their residuals and derivatives, [`solve`](mod@solve) the
+//! Levenberg–Marquardt iteration on the structure that [`arrow`] exploits and the evidence of what it
+//! finds, to which [`size`] belongs. [`explain`] and [`alias`] decide which contact lies on which face
+//! and at which of several look-alike poses a grasp was made, [`retrack`] builds a trajectory of its
+//! own, and [`surface`] does for curved objects what faces do for flat ones.
+
+pub mod alias;
+pub mod arrow;
+pub mod explain;
+pub mod factors;
+pub mod planes;
+pub mod problem;
+pub mod retrack;
+pub mod size;
+pub mod solve;
+pub mod surface;
+pub mod tangent;
+
+pub use planes::{Corrected, Effort, Plane, planes};
+
+use crate::log::GraspLog;
+use crate::reference::Contact;
+use crate::slam::choose;
+use crate::slam::reconstruct::place;
+use crate::slam::track::Step;
+
+/// Grasps from which on poses are corrected. Of fewer, many sets of poses lay all contacts on a few
+/// faces, the fewest faces win, and what comes of it looks more certain than it is.
+const ENOUGH: usize = 8;
+
+/// The log's steps corrected by faces where the object that they make is to be believed
+/// ([`choose::judge`]), else by the smooth surface of least cost, whether it starts from the tracker's
+/// poses or from those of the faces. `None` where the tracker's poses stand.
+pub fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
+    if log.grasps.len() < ENOUGH {
+        return None;
+    }
+    let flat = planes(log, &[steps], Effort::default());
+    let believed = |flat: &Corrected| {
+        let contacts = place(log, &flat.relative());
+        let contacts: Vec<Contact> = contacts.into_iter().map(|p| p.contact).collect();
+        choose::judge(log.dimension, &contacts, &[]).is_ok()
+    };
+    if flat.as_ref().is_some_and(believed) {
+        return flat;
+    }
+    let starts: Vec<&[Step]> =
+        std::iter::once(steps).chain(flat.as_ref().map(|f| &f.steps[..])).collect();
+    surface::smooth(log, &starts).or(flat)
+}
+
+#[cfg(test)]
+mod tests;

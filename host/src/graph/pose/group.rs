@@ -1,0 +1,216 @@
+//! The groups of rigid motions: SE(2) and SE(3), their small motions and the error of a measurement.
+
+use nalgebra::{Quaternion, SVector, UnitQuaternion, Vector2, Vector3};
+
+/// A rigid motion with `D` degrees of freedom.
+///
+/// Tangents are a translation (metres) and then a rotation (radians), both in the pose's own axes:
+/// x ⊕ δ = (t + R δ_t, R Exp(δ_r)).
+pub trait Group<const D: usize>:
+    Copy + std::fmt::Debug + PartialEq + Send + Sync + 'static
+{
+    /// Dimension of the space: 2 or 3.
+    const DIMENSION: usize;
+
+    /// The motion that moves nothing.
+    fn identity() -> Self;
+
+    /// `self` after `other`: self · other.
+    fn compose(&self, other: &Self) -> Self;
+
+    /// The motion that undoes this one.
+    fn inverse(&self) -> Self;
+
+    /// self⁻¹ · other: `other` in the axes of `self`.
+    fn between(&self, other: &Self) -> Self {
+        self.inverse().compose(other)
+    }
+
+    /// `self` displaced by `tangent`.
+    fn retract(&self, tangent: &SVector<f64, D>) -> Self;
+
+    /// How far `poses` x and y contradict the measurement z ≈ x⁻¹ y, as g2o counts it, so that costs
+    /// of the same file agree: the translation and rotation of z⁻¹ x⁻¹ y. In the plane the rotation is an
+    /// angle in (−π, π]; in space it is the vector part of the unit quaternion with w ≥ 0, which is half
+    /// the rotation vector for small ones.
+    fn error(from: &Self, to: &Self, measured: &Self) -> SVector<f64, D>;
+
+    /// Whether every number is finite.
+    fn is_finite(&self) -> bool;
+}
+
+/// A motion of the plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Se2 {
+    /// Metres.
+    pub translation: Vector2<f64>,
+    /// Radians, in (−π, π].
+    pub angle: f64,
+}
+
+/// A motion of space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Se3 {
+    /// Metres.
+    pub translation: Vector3<f64>,
+    /// Unit quaternion.
+    pub rotation: UnitQuaternion<f64>,
+}
+
+/// `angle` less full turns: in (−π, π].
+pub fn wrapped(angle: f64) -> f64 {
+    use std::f64::consts::{PI, TAU};
+    if angle.abs() <= PI && angle != -PI {
+        return angle;
+    }
+    let turns = angle - TAU * (angle / TAU).round();
+    if turns <= -PI { turns + TAU } else { turns }
+}
+
+fn turned(angle: f64, v: Vector2<f64>) -> Vector2<f64> {
+    let (sin, cos) = angle.sin_cos();
+    Vector2::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y)
+}
+
+impl Se2 {
+    /// The motion by (x, y) metres after a turn by `angle` radians.
+    pub fn new(x: f64, y: f64, angle: f64) -> Self {
+        Self { translation: Vector2::new(x, y), angle: wrapped(angle) }
+    }
+}
+
+impl Group<3> for Se2 {
+    const DIMENSION: usize = 2;
+
+    fn identity() -> Self {
+        Self::new(0.0, 0.0, 0.0)
+    }
+
+    fn compose(&self, other: &Self) -> Self {
+        Self {
+            translation: self.translation + turned(self.angle, other.translation),
+            angle: wrapped(self.angle + other.angle),
+        }
+    }
+
+    fn inverse(&self) -> Self {
+        Self { translation: -turned(-self.angle, self.translation), angle: wrapped(-self.angle) }
+    }
+
+    fn retract(&self, tangent: &SVector<f64, 3>) -> Self {
+        self.compose(&Self::new(tangent[0], tangent[1], tangent[2]))
+    }
+
+    fn error(from: &Self, to: &Self, measured: &Self) -> SVector<f64, 3> {
+        let error = measured.between(&from.between(to));
+        SVector::<f64, 3>::new(error.translation.x, error.translation.y, error.angle)
+    }
+
+    fn is_finite(&self) -> bool {
+        self.translation.iter().all(|x| x.is_finite()) && self.angle.is_finite()
+    }
+}
+
+impl Se3 {
+    /// The motion by `translation` metres after a rotation by the quaternion (x, y, z, w), which is
+    /// normalised.
+    pub fn new(translation: [f64; 3], [x, y, z, w]: [f64; 4]) -> Self {
+        Self {
+            translation: translation.into(),
+            rotation: UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z)),
+        }
+    }
+}
+
+impl Group<6> for Se3 {
+    const DIMENSION: usize = 3;
+
+    fn identity() -> Self {
+        Self { translation: Vector3::zeros(), rotation: UnitQuaternion::identity() }
+    }
+
+    fn compose(&self, other: &Self) -> Self {
+        Self {
+            translation: self.translation + self.rotation * other.translation,
+            rotation: self.rotation * other.rotation,
+        }
+    }
+
+    fn inverse(&self) -> Self {
+        let rotation = self.rotation.inverse();
+        Self { translation: -(rotation * self.translation), rotation }
+    }
+
+    fn retract(&self, tangent: &SVector<f64, 6>) -> Self {
+        let turn = UnitQuaternion::from_scaled_axis(tangent.fixed_rows::<3>(3).into_owned());
+        let mut rotation = self.rotation * turn;
+        rotation.renormalize_fast();
+        Self {
+            translation: self.translation + self.rotation * tangent.fixed_rows::<3>(0).into_owned(),
+            rotation,
+        }
+    }
+
+    fn error(from: &Self, to: &Self, measured: &Self) -> SVector<f64, 6> {
+        let error = measured.between(&from.between(to));
+        let (t, q) = (error.translation, error.rotation.quaternion());
+        let v = if q.w < 0.0 { -q.imag() } else { q.imag() };
+        SVector::<f64, 6>::new(t.x, t.y, t.z, v.x, v.y, v.z)
+    }
+
+    fn is_finite(&self) -> bool {
+        self.translation.iter().chain(self.rotation.coords.iter()).all(|x| x.is_finite())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn se2() -> impl Strategy<Value = Se2> {
+        [-5.0f64..5.0, -5.0f64..5.0, -9.0f64..9.0].prop_map(|[x, y, a]| Se2::new(x, y, a))
+    }
+
+    fn se3() -> impl Strategy<Value = Se3> {
+        let numbers = proptest::array::uniform7(-1.0f64..1.0);
+        numbers.prop_map(|[x, y, z, a, b, c, w]| {
+            Se3::new([x, y, z], [a, b, c, w + 1.5f64.copysign(w)])
+        })
+    }
+
+    fn group<G: Group<D>, const D: usize>(a: G, b: G) -> Result<(), TestCaseError> {
+        let none = SVector::<f64, D>::zeros();
+        let exact = G::error(&a, &b, &a.between(&b));
+        prop_assert!((exact - none).norm() < 1e-12, "{exact}");
+        let back = G::error(&G::identity(), &a.compose(&a.inverse()), &G::identity());
+        prop_assert!(back.norm() < 1e-12, "{back}");
+        Ok(())
+    }
+
+    proptest! {
+        #[test]
+        fn measurements_of_the_poses_themselves_have_no_error(
+            (a, b) in (se2(), se2()), (c, d) in (se3(), se3()),
+        ) {
+            group(a, b)?;
+            group(c, d)?;
+        }
+
+        #[test]
+        fn angles_are_wrapped(angle in -100.0f64..100.0) {
+            let w = wrapped(angle);
+            prop_assert!(w > -std::f64::consts::PI && w <= std::f64::consts::PI);
+            prop_assert!((w.sin() - angle.sin()).abs() < 1e-12 && (w.cos() - angle.cos()).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn half_turns_stay_positive() {
+        use std::f64::consts::PI;
+        assert_eq!(wrapped(-PI), PI);
+        assert_eq!(wrapped(PI), PI);
+        assert_eq!(wrapped(-3.0 * PI), PI);
+        assert!(wrapped(f64::NAN).is_nan() && wrapped(f64::INFINITY).is_nan());
+    }
+}
