@@ -14,6 +14,7 @@ pub mod cli;
 pub mod dense;
 pub mod experiment;
 pub mod experts;
+pub mod explore;
 pub mod graph;
 pub mod link;
 pub mod localize;

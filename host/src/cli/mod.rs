@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 done, 1 could not be done, 2 bad input (nothing was written).
 
+pub mod explore;
 pub mod import;
 pub mod inspect;
 pub mod live;
@@ -33,6 +34,7 @@ pub struct Cli {
 enum Command {
     Slam(slam::SlamArgs),
     Simulate(simulate::SimulateArgs),
+    Explore(explore::ExploreArgs),
     Import(import::ImportArgs),
     Live(live::LiveArgs),
     Localize(localize::LocalizeArgs),
@@ -47,6 +49,7 @@ impl Cli {
         let outcome = match &self.command {
             Command::Slam(args) => slam::run(args),
             Command::Simulate(args) => simulate::run(args),
+            Command::Explore(args) => explore::run(args),
             Command::Import(args) => import::run(args),
             Command::Live(args) => live::run(args),
             Command::Localize(args) => localize::run(args),

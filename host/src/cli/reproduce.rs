@@ -11,7 +11,7 @@ use crate::cli::{Error, say};
 use crate::experiment::chapter2::{self, FIGURES};
 use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{
-    Picture, calibration, chapter3, data, localization, memory, push, shapes, tracking,
+    Picture, calibration, chapter3, data, exploration, localization, memory, push, shapes, tracking,
 };
 use crate::graph;
 use crate::log::write::write_atomically;
@@ -41,6 +41,7 @@ impl ReproduceArgs {
     fn seeds(&self) -> u64 {
         self.seeds.unwrap_or(match self.name.as_str() {
             TRACKING | CONSISTENCY => 40,
+            name if EXPLORATION.contains(&name) => 40,
             MUJOCO => 1,
             _ => 20,
         })
@@ -83,14 +84,17 @@ struct PartArgs {
 impl PartArgs {
     /// The options that were given, each with the experiments that take it.
     fn given(&self) -> impl Iterator<Item = (&'static str, &'static [&'static str])> {
-        const COMPARISONS: &[&str] = &[SHAPES, TRACKING, CONSISTENCY];
+        const COMPARISONS: &[&str] =
+            &[SHAPES, TRACKING, CONSISTENCY, EXPLORATION[0], EXPLORATION[1]];
+        const NOISY: &[&str] = &[SHAPES, TRACKING, CONSISTENCY];
         const TRACKERS: &[&str] = &[TRACKING, CONSISTENCY, MUJOCO];
         const SIMULATED: &[&str] = &[TRACKING, CONSISTENCY];
-        const ALL: &[&str] = &[SHAPES, TRACKING, CONSISTENCY, MUJOCO];
+        const ALL: &[&str] =
+            &[SHAPES, TRACKING, CONSISTENCY, MUJOCO, EXPLORATION[0], EXPLORATION[1]];
         let options: [(_, &'static [&'static str], bool); 8] = [
             ("--object", ALL, !self.object.is_empty()),
             ("--first-seed", COMPARISONS, self.first_seed.is_some()),
-            ("--noise", COMPARISONS, self.noise.is_some()),
+            ("--noise", NOISY, self.noise.is_some()),
             ("--contacts", &[SHAPES], !self.contacts.is_empty()),
             ("--tracker", TRACKERS, !self.tracker.is_empty()),
             ("--graph", &[TRACKING], self.graph.is_some()),
@@ -113,6 +117,9 @@ const CONSISTENCY: &str = "tracking-calibration";
 /// All trackers on recordings of simulated physics.
 const MUJOCO: &str = "mujoco";
 
+/// Actions until a shape is known.
+const EXPLORATION: [&str; 2] = ["table-4.2", "table-4.3"];
+
 /// What is quick and no figure of the thesis.
 const OTHERS: [&str; 1] = ["push"];
 
@@ -123,7 +130,8 @@ const LONG: [&str; 7] =
 fn names() -> Vec<&'static str> {
     let figures = FIGURES.iter().map(|f| f.name);
     let tracked = chapter3::FIGURES.iter().map(|f| f.name);
-    figures.chain(tracked).chain(OTHERS).chain(LONG).chain(["all"]).collect()
+    let own = OTHERS.into_iter().chain(LONG).chain(EXPLORATION);
+    figures.chain(tracked).chain(own).chain(["all"]).collect()
 }
 
 /// What an experiment gave: numbers to read, the same for programs, pictures.
@@ -185,10 +193,16 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
         SHAPES => return compare_shapes(args),
         TRACKING | CONSISTENCY => return compare_trackers(args),
         MUJOCO => return follow_recordings(args),
+        name if EXPLORATION.contains(&name) => return count_actions(args),
         _ => (),
     }
     let wanted = |name: &&str| match args.name.as_str() {
-        "all" => *name != "all" && !LONG.contains(name) && chapter3::figure(name).is_none(),
+        "all" => {
+            *name != "all"
+                && !LONG.contains(name)
+                && !EXPLORATION.contains(name)
+                && chapter3::figure(name).is_none()
+        }
         one => one == *name,
     };
     let mut outcomes = Vec::new();
@@ -276,6 +290,21 @@ fn follow_recordings(args: &ReproduceArgs) -> Result<(), Error> {
     let rows = watch(args, mujoco::heading());
     let table = mujoco::run(data().as_deref(), &selection, rows).map_err(Error::input)?;
     conclude(args, &Outcome::new(MUJOCO, &table, None)?)
+}
+
+/// Actions until the object is known, row by row as they are done.
+fn count_actions(args: &ReproduceArgs) -> Result<(), Error> {
+    let [fixed, moving] = EXPLORATION;
+    let (name, of) = match args.name == fixed {
+        true => (fixed, exploration::TableOf::Fixed),
+        false => (moving, exploration::TableOf::Moving),
+    };
+    let first = args.part.first_seed.unwrap_or(0);
+    let seeds = first..first.saturating_add(args.seeds());
+    let rows = watch(args, exploration::heading());
+    let object = args.part.object.first().map(String::as_str);
+    let table = exploration::run(of, object, seeds, rows).map_err(Error::input)?;
+    conclude(args, &Outcome::new(name, &table, None)?)
 }
 
 /// Shows the rows of a long comparison to whoever watches, as they are done.

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DMatrixView, DVector};
 use rayon::prelude::*;
 
 use super::mean::Local;
@@ -330,6 +330,27 @@ impl Gpis {
     /// Posterior mean and covariance (2.14) of the values at all points together, m and m².
     pub fn joint(&self, points: &[Point]) -> (DVector<f64>, DMatrix<f64>) {
         let points: Vec<Point> = points.iter().map(|p| self.flat(p)).collect();
+        let explained = self.explained(&points);
+        let covariance = self.covariance(&points, explained.as_view());
+        (DVector::from_vec(self.means(&points)), covariance)
+    }
+
+    /// Posterior covariance (2.14) of the values at the points of each group, m²: what
+    /// [`joint`](Gpis::joint) says of every group alone, for the price of one.
+    pub fn joint_each(&self, groups: &[Vec<Point>]) -> Vec<DMatrix<f64>> {
+        let points: Vec<Point> = groups.iter().flatten().map(|p| self.flat(p)).collect();
+        let explained = self.explained(&points);
+        let mut start = 0;
+        let one = |group: &Vec<Point>| {
+            let range = start..start + group.len();
+            start = range.end;
+            self.covariance(&points[range.clone()], explained.columns_range(range))
+        };
+        groups.iter().map(one).collect()
+    }
+
+    /// L⁻¹ k(contacts, points), one point a column.
+    fn explained(&self, points: &[Point]) -> DMatrix<f64> {
         let mut cross = DMatrix::from_fn(self.rows(), points.len(), |i, j| {
             let o = &self.observations[i];
             let e = o.point - points[j];
@@ -339,19 +360,30 @@ impl Gpis {
                 Part::Slope(axis) => k.slope * e[axis],
             }
         });
+        if !self.shifts.is_empty() {
+            cross.gemm(1.0, &self.modes, &self.values_of_modes(points), 1.0);
+        }
+        self.cholesky.forward(&mut cross);
+        cross
+    }
+
+    /// Prior covariance of the values at the points, less what is explained.
+    fn covariance(&self, points: &[Point], explained: DMatrixView<'_, f64>) -> DMatrix<f64> {
         let mut own = DMatrix::from_fn(points.len(), points.len(), |i, j| {
             self.kernel.radial((points[i] - points[j]).norm()).value
         });
         if !self.shifts.is_empty() {
-            let modes: Vec<f64> =
-                points.iter().flat_map(|p| self.prior.modes(p)).map(|mode| mode.0).collect();
-            let modes = DMatrix::from_vec(self.shifts.len(), points.len(), modes);
-            cross.gemm(1.0, &self.modes, &modes, 1.0);
+            let modes = self.values_of_modes(points);
             own.gemm_tr(1.0, &modes, &modes, 1.0);
         }
-        self.cholesky.forward(&mut cross);
-        own.gemm_tr(-1.0, &cross, &cross, 1.0);
-        (DVector::from_vec(self.means(&points)), own)
+        own.gemm_tr(-1.0, &explained, &explained, 1.0);
+        own
+    }
+
+    /// Values of the prior mean's modes, one point a column.
+    fn values_of_modes(&self, points: &[Point]) -> DMatrix<f64> {
+        let modes = points.iter().flat_map(|p| self.prior.modes(p)).map(|mode| mode.0);
+        DMatrix::from_iterator(self.shifts.len(), points.len(), modes)
     }
 
     /// Mean over the axes of the posterior variance of the derivative along each, at each point.

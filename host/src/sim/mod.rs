@@ -2,11 +2,13 @@
 //!
 //! A simulation speaks to an estimator only through its log.
 
+pub mod bench;
 pub mod objects;
 pub(crate) mod random;
 pub mod touch;
 pub mod world;
 
+pub use bench::Bench;
 pub use objects::{Arms, ObjectError, ObjectSpec};
 pub use touch::Touch;
 pub use world::{Options, SimError, Simulation, simulate};

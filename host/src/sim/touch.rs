@@ -24,16 +24,16 @@ pub enum Touch {
 
 /// The straight way of one fingertip when the hand closes.
 #[derive(Clone, Debug, PartialEq)]
-struct Stroke {
+pub struct Stroke {
     /// Index into [`FINGERS`].
-    finger: usize,
+    pub finger: usize,
     /// Where it starts, metres, hand frame (origin in the middle of the grasp, fingers on the side
     /// of +y, thumb on the side of −y).
-    start: Point,
+    pub start: Point,
     /// Unit direction, hand frame.
-    direction: Point,
+    pub direction: Point,
     /// How far the fingertip can go, metres.
-    travel: f64,
+    pub travel: f64,
 }
 
 /// Sideways position (mm), height (mm, spatial hands only) and turn inwards (degrees) of the four
@@ -113,50 +113,74 @@ impl<'a> Hand<'a> {
             _ => random.around_zero(CENTRING),
         });
         let middle = (pose * Point3::from(self.centre)).coords + Point::from(offset);
-        let (mut felt, mut free) = (Vec::new(), Vec::new());
+        let (felt, free): (Vec<Felt>, Vec<LoggedFree>);
         if self.touch == Touch::Uniform {
             let draws = (0..self.fingers).filter_map(|_| self.uniform.draw(random));
-            felt.extend(draws.map(|(point, normal)| Felt { finger: None, point, normal }));
+            felt = draws.map(|(point, normal)| Felt { finger: None, point, normal }).collect();
+            free = Vec::new();
         } else {
             let hand = Pose::from_parts(Translation3::from(middle), self.orientation);
-            let frame = pose.inverse() * hand;
             let reach = self.radius + CENTRING * (dimension as f64).sqrt();
-            for stroke in strokes(dimension, self.fingers, reach, random) {
-                let start = (frame * Point3::from(stroke.start)).coords;
-                let direction = frame.rotation * stroke.direction;
-                let finger = Some(stroke.finger);
-                match self.geometry.cast(&start, &direction, stroke.travel) {
-                    Some((along, normal)) => {
-                        felt.push(Felt { finger, point: start + along * direction, normal });
-                    }
-                    None => {
-                        let end = stroke.start + stroke.travel * stroke.direction;
-                        let point = (hand * Point3::from(end)).coords;
-                        free.push(LoggedFree { finger, point, unknown: Default::default() });
-                    }
-                }
-            }
+            let thumb = random.around_zero(if dimension == 3 { THUMB_HEIGHT } else { 0.0 });
+            let strokes = strokes(dimension, self.fingers, reach, 1.0, thumb);
+            (felt, free) = feel(self.geometry, pose, &hand, &strokes);
         }
         (!felt.is_empty()).then_some(Closed { middle, felt, free })
     }
 }
 
+/// What the fingers of the hand at `hand` (hand to world) feel of `geometry` at `pose` (object to
+/// world) when they close along `strokes`: contacts in the object frame, and the ends of the strokes
+/// that met nothing, in the world frame.
+pub(super) fn feel(
+    geometry: &Geometry,
+    pose: &Pose,
+    hand: &Pose,
+    strokes: &[Stroke],
+) -> (Vec<Felt>, Vec<LoggedFree>) {
+    let (mut felt, mut free) = (Vec::new(), Vec::new());
+    let frame = pose.inverse() * hand;
+    for stroke in strokes {
+        let start = (frame * Point3::from(stroke.start)).coords;
+        let direction = frame.rotation * stroke.direction;
+        let finger = Some(stroke.finger);
+        match geometry.cast(&start, &direction, stroke.travel) {
+            Some((along, normal)) => {
+                felt.push(Felt { finger, point: start + along * direction, normal });
+            }
+            None => {
+                let end = stroke.start + stroke.travel * stroke.direction;
+                let point = (hand * Point3::from(end)).coords;
+                free.push(LoggedFree { finger, point, unknown: Default::default() });
+            }
+        }
+    }
+    (felt, free)
+}
+
 /// The strokes of a hand that closes on an object no part of which is further than `radius` metres
-/// from the middle of the grasp; at most five `fingers`. In space the thumb's height is drawn.
-fn strokes(dimension: usize, fingers: usize, radius: f64, random: &mut Random) -> Vec<Stroke> {
+/// from the middle of the grasp; at most five `fingers`, their distances from each other and turns
+/// inwards `spread` times the usual ones, the thumb `thumb` metres above the middle.
+pub fn strokes(
+    dimension: usize,
+    fingers: usize,
+    radius: f64,
+    spread: f64,
+    thumb: f64,
+) -> Vec<Stroke> {
     // A hand starts outside the object, so a large one is approached from further away.
     let back = (radius + 0.01 - STANDOFF).max(0.0);
-    let thumb_height = random.around_zero(if dimension == 3 { THUMB_HEIGHT } else { 0.0 });
     let table = if dimension == 3 { &SPATIAL } else { &PLANAR };
     let mut chosen: Vec<usize> = ORDER.into_iter().take(fingers).collect();
     chosen.sort_unstable();
     let stroke = |finger: usize| {
         let (start, direction) = match table.get(finger) {
-            Some([side, height, turn]) => {
-                let (sin, cos) = turn.to_radians().sin_cos();
-                (Point::new(side * 1e-3, STANDOFF, height * 1e-3), Point::new(sin, -cos, 0.0))
+            Some(&[side, height, turn]) => {
+                let (sin, cos) = (spread * turn).to_radians().sin_cos();
+                let side = spread * side * 1e-3;
+                (Point::new(side, STANDOFF, height * 1e-3), Point::new(sin, -cos, 0.0))
             }
-            None => (Point::new(0.0, -STANDOFF, thumb_height), Point::y()),
+            None => (Point::new(0.0, -STANDOFF, thumb), Point::y()),
         };
         let travel = (STANDOFF + PAST) / direction.y.abs() + 2.0 * back;
         Stroke { finger, start: start - back * direction, direction, travel }
@@ -230,9 +254,8 @@ mod tests {
 
     #[test]
     fn four_fingers_oppose_the_thumb() {
-        let [mut random] = Random::streams(1);
         for dimension in [2, 3] {
-            let hand = strokes(dimension, 5, 0.05, &mut random);
+            let hand = strokes(dimension, 5, 0.05, 1.0, 0.0);
             assert_eq!(hand.iter().map(|s| s.finger).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
             for s in &hand {
                 assert!((s.direction.norm() - 1.0).abs() < 1e-12);
@@ -243,9 +266,9 @@ mod tests {
                     s.start.norm() > 0.13 && (end.y - 0.04 * s.direction.y.signum()).abs() < 1e-12
                 );
             }
-            let pinch = strokes(dimension, 2, 0.05, &mut random);
+            let pinch = strokes(dimension, 2, 0.05, 1.0, 0.0);
             assert_eq!(pinch.iter().map(|s| s.finger).collect::<Vec<_>>(), [1, 4]);
-            for s in strokes(dimension, 5, 0.3, &mut random) {
+            for s in strokes(dimension, 5, 0.3, 1.0, 0.0) {
                 assert!(s.start.norm() > 0.3, "starts outside a large object");
             }
         }

@@ -7,7 +7,7 @@ use nalgebra::{Point3, Translation3, UnitQuaternion};
 
 use super::objects::{ObjectError, ObjectSpec};
 use super::random::Random;
-use super::touch::{FINGERS, Hand, Touch};
+use super::touch::{FINGERS, Felt, Hand, Touch};
 use crate::log::write::write_atomically;
 use crate::log::{GraspLog, LogError, LoggedContact, LoggedGrasp, MAX_CONTACTS, Noise, TrueShape};
 use crate::quantity::Deviation;
@@ -17,8 +17,8 @@ use crate::space::{Point, Pose};
 
 /// Where the object first lies: within this of the world's origin, per axis, and turned by no more
 /// than this about each axis.
-const FIRST_OFFSET: f64 = 0.01;
-const FIRST_TURN: f64 = PI / 12.0;
+pub(super) const FIRST_OFFSET: f64 = 0.01;
+pub(super) const FIRST_TURN: f64 = PI / 12.0;
 
 /// Wild contacts lie within this of the surface, metres.
 const WILD: f64 = 0.03;
@@ -163,18 +163,10 @@ pub fn simulate(options: &Options) -> Result<Simulation, SimError> {
             return Err(SimError::Missed { grasp: index, object: options.object.to_string() });
         };
         middle = closed.middle;
-        let contacts = closed.felt.into_iter().map(|felt| {
-            let at = ((pose * Point3::from(felt.point)).coords, pose.rotation * felt.normal);
-            let (point, normal) = measured(dimension, at, options, &mut noise, &mut wild);
-            LoggedContact {
-                finger: felt.finger,
-                point,
-                normal: Some(normal),
-                normal_noise: None,
-                force: None,
-                unknown: Default::default(),
-            }
-        });
+        let contacts = closed
+            .felt
+            .into_iter()
+            .map(|felt| sensed(&pose, felt, dimension, options, &mut noise, &mut wild));
         logged.push(LoggedGrasp {
             index: index as u64,
             time: None,
@@ -207,42 +199,52 @@ impl Simulation {
     /// # Errors
     /// When one of the two cannot be written, or there is no place for the mesh.
     pub fn write(&self, path: &Path) -> Result<(), SimError> {
-        let Geometry::Mesh(mesh) = &self.geometry else { return Ok(self.log.write(path)?) };
-        let no_place = || SimError::NoPlace { file: path.into() };
-        if path.exists() && !path.is_file() {
-            return Err(no_place());
-        }
-        let file = path.with_extension("ply");
-        let name = file.file_name().and_then(|n| n.to_str()).ok_or_else(no_place)?;
-        if file == path {
-            return Err(no_place());
-        }
-        let mut log = self.log.clone();
-        log.shape = Some(TrueShape::Mesh { path: name.into(), file: file.clone() });
-        if let ObjectSpec::Mesh(source) = &self.object
-            && let (Ok(a), Ok(b)) = (source.canonicalize(), file.canonicalize())
-            && a == b
-        {
-            return Ok(log.write(path)?);
-        }
-        // The mesh gets its name only after the log has got its own.
-        let mut refused = None;
-        let written = write_atomically(&file, |writer| {
-            ply_to_writer(writer, mesh, None, None)?;
-            log.write(path).map_err(|e| {
-                refused = Some(e);
-                std::io::ErrorKind::Other.into()
-            })
-        });
-        match (refused, written) {
-            (Some(error), _) => Err(error.into()),
-            (None, Err(source)) => Err(FileError::Io { file, action: "write", source }.into()),
-            (None, Ok(())) => Ok(()),
-        }
+        write(&self.log, &self.geometry, &self.object, path)
     }
 }
 
-fn check(options: &Options) -> Result<(), SimError> {
+/// See [`Simulation::write`].
+pub(super) fn write(
+    log: &GraspLog,
+    geometry: &Geometry,
+    object: &ObjectSpec,
+    path: &Path,
+) -> Result<(), SimError> {
+    let Geometry::Mesh(mesh) = geometry else { return Ok(log.write(path)?) };
+    let no_place = || SimError::NoPlace { file: path.into() };
+    if path.exists() && !path.is_file() {
+        return Err(no_place());
+    }
+    let file = path.with_extension("ply");
+    let name = file.file_name().and_then(|n| n.to_str()).ok_or_else(no_place)?;
+    if file == path {
+        return Err(no_place());
+    }
+    let mut log = log.clone();
+    log.shape = Some(TrueShape::Mesh { path: name.into(), file: file.clone() });
+    if let ObjectSpec::Mesh(source) = object
+        && let (Ok(a), Ok(b)) = (source.canonicalize(), file.canonicalize())
+        && a == b
+    {
+        return Ok(log.write(path)?);
+    }
+    // The mesh gets its name only after the log has got its own.
+    let mut refused = None;
+    let written = write_atomically(&file, |writer| {
+        ply_to_writer(writer, mesh, None, None)?;
+        log.write(path).map_err(|e| {
+            refused = Some(e);
+            std::io::ErrorKind::Other.into()
+        })
+    });
+    match (refused, written) {
+        (Some(error), _) => Err(error.into()),
+        (None, Err(source)) => Err(FileError::Io { file, action: "write", source }.into()),
+        (None, Ok(())) => Ok(()),
+    }
+}
+
+pub(super) fn check(options: &Options) -> Result<(), SimError> {
     let refuse =
         |option, expected, found: String| Err(SimError::Option { option, expected, found });
     let grasps = options.grasps.unwrap_or(1);
@@ -275,19 +277,19 @@ fn check(options: &Options) -> Result<(), SimError> {
 }
 
 /// The motion that turns about `centre` and shifts.
-fn about(centre: &Point, shift: Point, turn: Point) -> Pose {
+pub(super) fn about(centre: &Point, shift: Point, turn: Point) -> Pose {
     let rotation = UnitQuaternion::from_scaled_axis(turn);
     Pose::from_parts(Translation3::from(centre + shift - rotation * centre), rotation)
 }
 
 /// Uniform within `reach` of zero on every axis.
-fn uniform3(dimension: usize, reach: f64, random: &mut Random) -> Point {
+pub(super) fn uniform3(dimension: usize, reach: f64, random: &mut Random) -> Point {
     let (x, y) = (random.around_zero(reach), random.around_zero(reach));
     Point::new(x, y, if dimension == 3 { random.around_zero(reach) } else { 0.0 })
 }
 
 /// A rotation vector, uniform within `reach` of zero on every axis there is.
-fn turn(dimension: usize, reach: f64, random: &mut Random) -> Point {
+pub(super) fn turn(dimension: usize, reach: f64, random: &mut Random) -> Point {
     match dimension {
         2 => Point::new(0.0, 0.0, random.around_zero(reach)),
         _ => uniform3(3, reach, random),
@@ -295,13 +297,13 @@ fn turn(dimension: usize, reach: f64, random: &mut Random) -> Point {
 }
 
 /// Standard normal on every axis there is.
-fn normal(dimension: usize, random: &mut Random) -> Point {
+pub(super) fn normal(dimension: usize, random: &mut Random) -> Point {
     let v = random.normal3();
     if dimension == 3 { v } else { Point::new(v.x, v.y, 0.0) }
 }
 
 /// A rotation vector, standard normal on every axis there is.
-fn normal_turn(dimension: usize, random: &mut Random) -> Point {
+pub(super) fn normal_turn(dimension: usize, random: &mut Random) -> Point {
     let v = random.normal3();
     if dimension == 3 { v } else { Point::new(0.0, 0.0, v.z) }
 }
@@ -314,6 +316,27 @@ fn reorientation(dimension: usize, index: usize) -> Point {
         (_, 4) => turn(Point::x(), 45.0),
         (_, 0) => turn(Point::y(), 45.0),
         _ => turn(Point::z(), 30.0),
+    }
+}
+
+/// What a sensor says of a contact with the object at `pose`.
+pub(super) fn sensed(
+    pose: &Pose,
+    felt: Felt,
+    dimension: usize,
+    options: &Options,
+    noise: &mut Random,
+    wild: &mut Random,
+) -> LoggedContact {
+    let at = ((pose * Point3::from(felt.point)).coords, pose.rotation * felt.normal);
+    let (point, normal) = measured(dimension, at, options, noise, wild);
+    LoggedContact {
+        finger: felt.finger,
+        point,
+        normal: Some(normal),
+        normal_noise: None,
+        force: None,
+        unknown: Default::default(),
     }
 }
 
@@ -346,7 +369,7 @@ fn measured(
 }
 
 /// What the header says: only what there is.
-fn stated(options: &Options) -> Noise {
+pub(super) fn stated(options: &Options) -> Noise {
     let some = |x: f64| (x > 0.0).then_some(x);
     Noise {
         point: some(options.contact_noise.length),

@@ -1,0 +1,267 @@
+//! The closed loop: choose a grasp, make it, take what was felt, until enough is known.
+
+use std::time::Instant;
+
+use nalgebra::{Point3, Translation3};
+
+use super::belief::{Belief, beside_each_other};
+use super::coverage::Until;
+use super::criterion::{About, Criterion, best, pose_deviation};
+use super::placement::{Placement, drawn, fixed};
+use super::prediction::predict;
+use crate::graph;
+use crate::shape::align::align;
+use crate::sim::Bench;
+use crate::sim::random::Random;
+use crate::slam::reconstruct;
+use crate::slam::track::Step;
+use crate::slam::trackers::Kind;
+use crate::space::{Point, Pose};
+
+/// Tries at a first grasp that feels anything.
+const FIRST_TRIES: usize = 50;
+
+/// Grasps that are not done again at once.
+const REMEMBERED: usize = 2;
+
+/// Deviation of the pose per degree of freedom ([`pose_deviation`]) above which a criterion about the
+/// pose takes over from 4.20, metres: the thesis' "fixed variance threshold", whose number it does not
+/// give.
+const UNCERTAIN: f64 = 3e-3;
+
+/// Among what a hand chooses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Candidates {
+    /// The same ten every time, as in the thesis.
+    Fixed,
+    /// So many new ones at every choice, about the object as it is believed to be.
+    Continuous(usize),
+}
+
+/// How to explore.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// What decides. A criterion about the pose decides while the pose is uncertain and leaves the
+    /// rest to 4.20, as the thesis has it.
+    pub criterion: Criterion,
+    /// Among what.
+    pub candidates: Candidates,
+    /// Who follows the object; `None` where it is known to stay where it is.
+    pub tracker: Option<Kind>,
+    /// What corrects the poses after the tracker.
+    pub graph: graph::Kind,
+    /// When to stop.
+    pub until: Until,
+    /// When to stop all the same.
+    pub most_actions: usize,
+    /// Of the draws.
+    pub seed: u64,
+}
+
+/// One action and what came of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Action {
+    /// What was chosen.
+    pub placement: Placement,
+    /// What the criterion promised; `None` for the first and for chance.
+    pub gain: Option<f64>,
+    /// How long choosing took, seconds: prediction and scores of all candidates.
+    pub choosing: f64,
+    /// Contacts felt.
+    pub contacts: usize,
+    /// Share of the surface that counts as known after it.
+    pub known: f64,
+}
+
+/// A finished exploration. The log is the bench's.
+#[derive(Clone, Debug)]
+pub struct Episode {
+    /// In their order.
+    pub actions: Vec<Action>,
+    /// Whether enough is known, and not merely the actions used up.
+    pub reached: bool,
+    /// The poses in the end.
+    pub steps: Vec<Step>,
+    /// Error of the last pose, metres at the object's centroid and radians: how far the believed
+    /// object, laid on the true one as well as it goes, is from where the true one is.
+    pub pose_error: (f64, f64),
+}
+
+/// Why there is no exploration.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The hand never met the object.
+    #[error("the hand closed on nothing {FIRST_TRIES} times; is the object too small?")]
+    Missed,
+    /// What was felt makes no surface.
+    #[error(transparent)]
+    Surface(#[from] reconstruct::Error),
+}
+
+/// Explores the object on the bench, and tells `watch` of every action.
+///
+/// # Errors
+/// When the hand meets nothing at first, or what it felt makes no surface.
+pub fn explore(
+    bench: &mut Bench,
+    settings: &Settings,
+    mut watch: impl FnMut(&Action),
+) -> Result<Episode, Error> {
+    let [mut random] = Random::streams(settings.seed ^ 0x5eed_ca5e);
+    let dimension = bench.log().dimension;
+    let mut actions: Vec<Action> = Vec::new();
+    let (placement, contacts) = first(bench, settings, &mut random)?;
+    let mut next = Action { placement, gain: None, choosing: 0.0, contacts, known: 0.0 };
+    loop {
+        let steps = follow(bench, settings);
+        let belief = match settings.tracker {
+            None => Belief::new(bench.log(), &steps)?,
+            Some(_) => Belief::new(bench.log(), &beside_each_other(bench.log(), &steps))?,
+        };
+        let truth = true_frame(bench, settings, &belief, &steps);
+        let (known, enough) = settings.until.known(&belief, bench.geometry(), &truth);
+        next.known = known;
+        watch(&next);
+        actions.push(next);
+        let finish = |actions, steps: Vec<Step>, reached| {
+            let pose_error = pose_error(bench, &steps, &truth);
+            Episode { actions, reached, steps, pose_error }
+        };
+        if known >= enough || actions.len() >= settings.most_actions {
+            return Ok(finish(actions, steps, known >= enough));
+        }
+
+        let start = Instant::now();
+        let candidates = candidates(&belief, settings, &mut random);
+        let Some((choice, gain)) = choose(&belief, settings, &candidates, &actions, &mut random)
+        else {
+            return Ok(finish(actions, steps, false));
+        };
+        if let (Until::Gain(least), Some(gain)) = (settings.until, gain)
+            && gain < least
+        {
+            return Ok(finish(actions, steps, true));
+        }
+        let choosing = start.elapsed().as_secs_f64();
+        let placement = candidates[choice];
+        let off = (placement.hand.translation.vector - belief.centre).norm();
+        let strokes = placement.strokes(dimension, belief.radius + off);
+        let contacts = bench.close(&(belief.pose * placement.hand), &strokes);
+        next = Action { placement, gain, choosing, contacts, known: 0.0 };
+    }
+}
+
+/// The first grasp, of which nothing is known but where the object roughly is: any candidate about the
+/// world's origin, again until something is felt. Closings that felt nothing stay in the log.
+fn first(
+    bench: &mut Bench,
+    settings: &Settings,
+    random: &mut Random,
+) -> Result<(Placement, usize), Error> {
+    let (dimension, radius) = (bench.log().dimension, bench.radius());
+    for _ in 0..FIRST_TRIES {
+        let placement = match settings.candidates {
+            Candidates::Fixed => {
+                let ten = fixed(dimension, &Point::zeros());
+                ten[((random.unit() * ten.len() as f64) as usize).min(ten.len() - 1)]
+            }
+            Candidates::Continuous(_) => drawn(dimension, &Point::zeros(), radius, random),
+        };
+        let strokes = placement.strokes(dimension, 2.0 * radius);
+        let contacts = bench.close(&placement.hand, &strokes);
+        if contacts > 0 {
+            // In the object frame, which a tracker puts at the middle of the contacts.
+            let steps = follow(bench, settings);
+            let hand = steps.last().map_or(placement.hand, |s| s.pose.inv_mul(&placement.hand));
+            return Ok((Placement { hand, ..placement }, contacts));
+        }
+    }
+    Err(Error::Missed)
+}
+
+/// The poses of all grasps as they are known now.
+fn follow(bench: &Bench, settings: &Settings) -> Vec<Step> {
+    let log = bench.log();
+    let Some(tracker) = settings.tracker else {
+        return vec![Step::certain(Pose::identity()); log.grasps.len()];
+    };
+    let steps = tracker.follow(log, settings.seed);
+    settings.graph.correct(log, &steps).map_or(steps, |corrected| corrected.steps)
+}
+
+/// From the true object frame to the believed one: by the first grasp, which fixed it. Where the pose
+/// is tracked, nobody can know how that grasp lay on the shape beyond what it felt, and the shapes are
+/// aligned from there.
+fn true_frame(bench: &Bench, settings: &Settings, belief: &Belief, steps: &[Step]) -> Pose {
+    let first = bench.log().grasps.first().and_then(|g| g.truth).zip(steps.first());
+    let frame = first.map_or_else(Pose::identity, |(truth, step)| step.pose.inv_mul(&truth));
+    if settings.tracker.is_none() {
+        return frame;
+    }
+    let aligned = align(&belief.geometry.transformed(&frame.inverse()), bench.geometry());
+    frame * aligned.inverse()
+}
+
+fn pose_error(bench: &Bench, steps: &[Step], frame: &Pose) -> (f64, f64) {
+    let last = bench.log().grasps.last().and_then(|g| g.truth).zip(steps.last());
+    let Some((truth, step)) = last else { return (0.0, 0.0) };
+    let estimate = step.pose * frame;
+    let centre = Point3::from(bench.geometry().centroid());
+    ((estimate * centre - truth * centre).norm(), estimate.rotation.angle_to(&truth.rotation))
+}
+
+fn candidates(belief: &Belief, settings: &Settings, random: &mut Random) -> Vec<Placement> {
+    match settings.candidates {
+        // About the middle of what was felt, which moves as more is felt; the ways they face stay.
+        Candidates::Fixed => fixed(belief.dimension, &belief.centre),
+        Candidates::Continuous(count) => (0..count)
+            .map(|_| drawn(belief.dimension, &belief.centre, belief.radius, random))
+            .collect(),
+    }
+}
+
+/// Which candidate, and what it promises.
+fn choose(
+    belief: &Belief,
+    settings: &Settings,
+    candidates: &[Placement],
+    done: &[Action],
+    random: &mut Random,
+) -> Option<(usize, Option<f64>)> {
+    if candidates.is_empty() {
+        return None;
+    }
+    let draw = |open: &[usize], random: &mut Random| {
+        open.get(((random.unit() * open.len() as f64) as usize).min(open.len().saturating_sub(1)))
+            .map(|i| (*i, None))
+    };
+    let any: Vec<usize> = (0..candidates.len()).collect();
+    let again = |i: &usize, actions: &[Action]| {
+        actions.iter().any(|a| same(settings, &a.placement, &candidates[*i]))
+    };
+    let criterion = match (settings.criterion, settings.criterion.about()) {
+        (Criterion::NoRepeat, _) => {
+            let open: Vec<usize> = any.iter().copied().filter(|i| !again(i, done)).collect();
+            return draw(if open.is_empty() { &any } else { &open }, random);
+        }
+        (_, About::Chance) => return draw(&any, random),
+        (_, About::Pose) if pose_deviation(belief) < UNCERTAIN => Criterion::VarianceSum,
+        (criterion, _) => criterion,
+    };
+    let scores = criterion.scores(belief, &predict(belief, candidates));
+    let recent = &done[done.len().saturating_sub(REMEMBERED)..];
+    let choice = best(&scores, |i| again(&i, recent)).or_else(|| best(&scores, |_| false))?;
+    Some((choice, Some(scores[choice])))
+}
+
+/// Whether two grasps are the same one. Fixed ones follow the middle of the contacts, so they are told
+/// by the way they face.
+fn same(settings: &Settings, a: &Placement, b: &Placement) -> bool {
+    let centred = |p: &Placement| match settings.candidates {
+        Candidates::Fixed => {
+            Placement { hand: Pose::from_parts(Translation3::identity(), p.hand.rotation), ..*p }
+        }
+        Candidates::Continuous(_) => *p,
+    };
+    centred(a).repeats(&centred(b))
+}

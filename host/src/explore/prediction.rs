@@ -1,0 +1,71 @@
+//! The contacts that a grasp would give, by the belief: rays against the believed shape, with the
+//! chance that a finger meets anything at all.
+
+use nalgebra::Point3;
+
+use super::belief::Belief;
+use super::placement::Placement;
+use crate::space::Point;
+
+/// Points along the rest of a ray at which its depth in the object is looked for.
+const DEPTHS: usize = 8;
+
+/// A contact to be expected, object frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Expected {
+    /// Which finger.
+    pub finger: usize,
+    /// Metres.
+    pub point: Point,
+    /// Unit, out of the object.
+    pub normal: Point,
+    /// Probability that the finger meets the object: how deep its ray goes into the believed shape, in
+    /// standard deviations of the surface there. A contact that comes with probability p is worth one
+    /// of 1/p times the noise variance, to first order.
+    pub chance: f64,
+}
+
+/// The contacts of the fingers whose rays meet the believed shape, for each placement.
+pub fn predict(belief: &Belief, placements: &[Placement]) -> Vec<Vec<Expected>> {
+    let mut depths: Vec<Point> = Vec::new();
+    let mut all: Vec<Vec<Expected>> = Vec::with_capacity(placements.len());
+    for placement in placements {
+        let off = (placement.hand.translation.vector - belief.centre).norm();
+        let mut contacts = Vec::new();
+        for stroke in placement.strokes(belief.dimension, belief.radius + off) {
+            let start = (placement.hand * Point3::from(stroke.start)).coords;
+            let direction = placement.hand.rotation * stroke.direction;
+            if let Some((along, normal)) = belief.geometry.cast(&start, &direction, stroke.travel) {
+                let point = start + along * direction;
+                let step = (stroke.travel - along).min(belief.radius) / DEPTHS as f64;
+                depths.extend((1..=DEPTHS).map(|k| point + direction * (step * k as f64)));
+                contacts.push(Expected { finger: stroke.finger, point, normal, chance: 1.0 });
+            }
+        }
+        all.push(contacts);
+    }
+    let values = belief.surface.means(&depths);
+    let points: Vec<Point> = all.iter().flatten().map(|e| e.point).collect();
+    let variances = belief.surface.variances(&points);
+    let deepest = values.chunks_exact(DEPTHS).map(|d| d.iter().copied().fold(0.0, f64::min));
+    let chances = deepest.zip(variances).map(|(deep, v)| normal_below(-deep / v.sqrt().max(1e-6)));
+    all.iter_mut().flatten().zip(chances).for_each(|(expected, chance)| expected.chance = chance);
+    all
+}
+
+/// Φ(z) to three digits (logistic approximation of Bowling et al. 2009).
+fn normal_below(z: f64) -> f64 {
+    1.0 / (1.0 + (-(0.07056 * z * z * z + 1.5976 * z)).exp())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chances_are_those_of_the_normal_distribution() {
+        for (z, p) in [(0.0, 0.5), (1.0, 0.8413), (-2.0, 0.0228), (3.0, 0.99865)] {
+            assert!((normal_below(z) - p).abs() < 2e-3, "{z}");
+        }
+    }
+}
