@@ -56,7 +56,7 @@ fn evaluate(
 
 /// Runs `work`, its parallel parts on threads with room for a tracker, which is built in place, and
 /// for the runs that a waiting thread takes up meanwhile.
-fn with_room<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+pub(crate) fn with_room<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     const STACK: usize = 256 << 20;
     match rayon::ThreadPoolBuilder::new().stack_size(STACK).build() {
         Ok(pool) => pool.install(work),

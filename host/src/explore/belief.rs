@@ -152,7 +152,8 @@ mod tests {
             let steps = beside_each_other(&log, &track::truth(&log).unwrap());
             for (k, step) in steps.iter().enumerate() {
                 let turn = step.covariance[(5, 5)].sqrt();
-                assert!(turn > 1e-3 && turn < 0.09, "{object} {k}: {turn}");
+                // A grasp that feels top and bottom leaves the turn about z to the motion noise.
+                assert!(turn > 1e-3 && turn < 0.4, "{object} {k}: {turn}");
                 assert_eq!(step.covariance[(2, 2)] == 0.0, planar);
                 // Never more than one motion's noise on top of the grasp before.
                 if k > 0 {

@@ -221,6 +221,77 @@ pub fn pose_deviation(belief: &Belief) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::explore::placement::fixed;
+    use crate::explore::prediction::predict;
+    use crate::sim::{Options, simulate};
+    use crate::slam::track;
+
+    fn belief() -> Belief {
+        let options =
+            Options { grasps: Some(1), ..Options::new("ellipse:0.1x0.06".parse().unwrap()) };
+        let log = simulate(&options).unwrap().log;
+        Belief::new(&log, &track::truth(&log).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn doubt_about_the_pose_leaves_less_to_learn_about_the_shape() {
+        let mut belief = belief();
+        let grasps = predict(&belief, &fixed(2, &belief.centre));
+        assert!(grasps.iter().any(|g| g.len() >= 3));
+        assert!(grasps.iter().flatten().all(|e| (0.0..=1.0).contains(&e.chance)));
+        belief.covariance = Matrix6::zeros();
+        let entropy = Criterion::Entropy.scores(&belief, &grasps);
+        let certain = Criterion::Information.scores(&belief, &grasps);
+        belief.covariance = Matrix6::from_diagonal(&Vector6::new(1e-4, 1e-4, 0.0, 0.0, 0.0, 0.1));
+        let doubtful = Criterion::Information.scores(&belief, &grasps);
+        let pose = Criterion::MutualInformation.scores(&belief, &grasps);
+        for i in 0..grasps.len() {
+            assert!((entropy[i] - certain[i]).abs() < 1e-9);
+            assert!(doubtful[i] >= 0.0 && doubtful[i] <= certain[i] + 1e-9, "{i}");
+            assert!(pose[i] > 0.0 || grasps[i].is_empty());
+        }
+    }
+
+    #[test]
+    fn every_criterion_gives_numbers_and_nothing_for_nothing() {
+        use clap::ValueEnum;
+        let belief = belief();
+        let mut grasps = predict(&belief, &fixed(2, &belief.centre));
+        grasps.push(Vec::new());
+        for criterion in Criterion::value_variants() {
+            let scores = criterion.scores(&belief, &grasps);
+            assert_eq!(scores.len(), grasps.len());
+            assert!(
+                scores.iter().all(|s| s.is_finite() && *s >= -1e-9),
+                "{criterion:?} {scores:?}"
+            );
+            assert!(scores.last().unwrap().abs() < 1e-12, "{criterion:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_already_felt_is_worth_less() {
+        let belief = belief();
+        let at = |c: &Contact| Expected {
+            finger: 0,
+            point: c.point,
+            normal: c.normal.unwrap(),
+            chance: 1.0,
+        };
+        let felt = belief.contacts.iter().map(at).collect::<Vec<_>>();
+        let far: Vec<Expected> = belief
+            .geometry
+            .samples(60)
+            .into_iter()
+            .filter(|(p, _)| belief.contacts.iter().all(|c| (c.point - p).norm() > 0.02))
+            .take(felt.len())
+            .map(|(point, normal)| Expected { finger: 0, point, normal, chance: 1.0 })
+            .collect();
+        for criterion in [Criterion::Entropy, Criterion::VarianceSum, Criterion::Variance] {
+            let scores = criterion.scores(&belief, &[felt.clone(), far.clone()]);
+            assert!(scores[1] > 2.0 * scores[0], "{criterion:?} {scores:?}");
+        }
+    }
 
     #[test]
     fn best_takes_the_greatest_that_may_be_taken() {

@@ -430,6 +430,14 @@ fn the_fast_surface_is_the_plain_one() {
                     // The terms of the sum cancel; the matrix decides how well they are known.
                     close(a, b, 100.0 * (1.0 + b.abs()));
                 }
+                let groups = [queries[..2].to_vec(), Vec::new(), queries[1..].to_vec()];
+                for (group, covariance) in groups.iter().zip(surface.joint_each(&groups)) {
+                    let (_, alone) = surface.joint(group);
+                    assert_eq!(covariance.shape(), (group.len(), group.len()));
+                    for (a, b) in covariance.iter().zip(alone.iter()) {
+                        close(*a, *b, 1.0);
+                    }
+                }
                 // Training points themselves are among the queries: distance zero.
                 let mut points = queries.clone();
                 points.extend(contacts.iter().map(|c| c.point));

@@ -42,6 +42,24 @@ fn good() -> String {
 }
 
 #[test]
+fn explorations_that_cannot_be_are_refused() {
+    let place = Place::new();
+    for (options, words) in [
+        ("--object cube:0.1", &["unknown object", "cube:0.1"][..]),
+        ("--object ellipse:0.1x0.06 --until soon", &["--until", "strict, lenient"]),
+        ("--object ellipse:0.1x0.06 --until coverage:1.2", &["coverage:SHARE"]),
+        ("--object ellipse:0.1x0.06 --motion-noise 5mm,10deg", &["--moving"]),
+        ("--object ellipse:0.1x0.06 --tracker curved", &["--moving"]),
+        ("--object ellipse:0.1x0.06 --max-actions 0", &["--max-actions"]),
+        ("--object ellipse:0.1x0.06 --criterion hunch", &["--criterion", "information"]),
+        ("--object missing.ply", &["missing.ply"]),
+    ] {
+        place.tactile(&format!("explore {options} --out out")).refused(words);
+    }
+    assert!(place.names().is_empty());
+}
+
+#[test]
 fn what_is_wrong_is_named_with_its_field() {
     let place = Place::new();
     let grasp = |contact: &str| below(&format!(r#"{{"grasp":0,"contacts":[{contact}]}}"#));

@@ -350,6 +350,34 @@ fn grasps_by_foreign_physics_run_to_the_end() {
 }
 
 #[test]
+fn an_exploration_leaves_a_log_that_slam_goes_on_from() {
+    let place = Place::new();
+    let line = "explore --object ellipse:0.1x0.06 --count 30 --until lenient --max-actions 6 \
+                --moving --seed 1 --out explored --json";
+    let result = place.tactile(line).done().json();
+    assert_eq!(
+        place.tactile(&line.replace("explored", "again")).done().json()["actions"],
+        result["actions"]
+    );
+    let actions = result["actions"].as_u64().unwrap() as usize;
+    assert_eq!(result["history"].as_array().unwrap().len(), actions);
+    assert_eq!(
+        result["reached"],
+        figure(&result, &format!("/history/{}/known", actions - 1)) >= 0.9
+    );
+    assert!(figure(&result, "/surface/hausdorff_aligned_mm") < 20.0);
+    assert_eq!(result["pose"]["per_grasp"].as_array().unwrap().len(), actions);
+    for name in ["report.json", "contour.csv", "trajectory.tum", "summary.png", "log.jsonl"] {
+        assert!(place.at("explored").join(name).exists(), "{name}");
+    }
+    let log = GraspLog::read(&place.at("explored").join("log.jsonl")).unwrap();
+    assert_eq!(log.grasps.len(), actions);
+    let again = place
+        .tactile("slam explored/log.jsonl --tracker hypotheses --graph none --out slam --json");
+    assert_eq!(again.done().json()["grasps"], actions);
+}
+
+#[test]
 fn every_command_explains_itself() {
     let place = Place::new();
     let help = place.tactile("--help").done().out;
@@ -358,7 +386,8 @@ fn every_command_explains_itself() {
     let listed =
         listed.take_while(|l| l.starts_with("  ")).filter_map(|l| l.split_whitespace().next());
     commands.extend(listed.filter(|c| *c != "help").map(str::to_owned));
-    for known in ["slam", "simulate", "import", "live", "replay", "inspect", "reproduce"] {
+    for known in ["slam", "simulate", "explore", "import", "live", "replay", "inspect", "reproduce"]
+    {
         assert!(commands.iter().any(|c| c == known), "{known} is not in\n{help}");
     }
     commands.extend(["import push", "import csv", "import off"].map(str::to_owned));
