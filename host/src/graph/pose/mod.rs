@@ -5,6 +5,7 @@
 //!
 //! Nothing here knows of contacts: a graph comes from a `.g2o` file or from the tactile front end.
 
+pub mod diagnosis;
 pub mod g2o;
 pub mod group;
 
