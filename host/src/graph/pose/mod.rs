@@ -5,9 +5,16 @@
 //!
 //! Nothing here knows of contacts: a graph comes from a `.g2o` file or from the tactile front end.
 
+pub mod blocks;
+pub mod chordal;
+#[cfg(test)]
+pub(crate) mod grid;
 pub mod group;
+pub mod odometry;
+pub mod rigid;
 
 pub use group::{Group, Se2, Se3};
+pub use rigid::Rigid;
 
 use nalgebra::SMatrix;
 
