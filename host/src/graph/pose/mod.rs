@@ -5,20 +5,27 @@
 //!
 //! Nothing here knows of contacts: a graph comes from a `.g2o` file or from the tactile front end.
 
+pub mod blocks;
 mod check;
+pub mod chordal;
 pub mod diagnosis;
 pub mod error;
 pub mod g2o;
+#[cfg(test)]
+pub(crate) mod grid;
 pub mod group;
 pub mod kernel;
 mod normal;
+pub mod odometry;
 pub mod optimizer;
+pub mod rigid;
 pub mod sparse;
 
 pub use error::Error;
 pub use group::{Group, Linearised, Se2, Se3};
 pub use kernel::Kernel;
 pub use optimizer::{Iteration, Method, Optimizer, Options, Stop, Summary, optimize};
+pub use rigid::Rigid;
 
 use nalgebra::SMatrix;
 
