@@ -20,12 +20,14 @@ pub mod odometry;
 pub mod optimizer;
 pub mod rigid;
 pub mod sparse;
+pub mod start;
 
 pub use error::Error;
 pub use group::{Group, Linearised, Se2, Se3};
 pub use kernel::Kernel;
 pub use optimizer::{Iteration, Method, Optimizer, Options, Stop, Summary, optimize};
 pub use rigid::Rigid;
+pub use start::Start;
 
 use nalgebra::SMatrix;
 
