@@ -8,7 +8,9 @@
 mod blocks;
 mod check;
 pub mod chordal;
+pub mod diagnosis;
 pub mod error;
+pub mod g2o;
 #[cfg(test)]
 pub(crate) mod grid;
 pub mod group;
