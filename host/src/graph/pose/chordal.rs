@@ -8,13 +8,16 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::blocks::{Blocks, Pattern};
-use super::odometry::{InitialError, edge_name, held, pose_name};
+use super::blocks::{Blocks, Places, Singular};
+use super::normal::Layout;
 use super::rigid::Rigid;
-use super::{Edge, PoseGraph};
+use super::sparse::Structure;
+use super::{Error, PoseGraph};
 
-/// Initial values of all poses, near the best where the noise is moderate; poses that are
-/// [`held`] stay where they are, nothing else of `graph.poses` is used.
+/// Initial values of all poses, near the best where the noise is moderate.
+///
+/// Fixed poses stay where they are, as does the first of every connected part that has none; the
+/// others' places are not used.
 ///
 /// κ and τ are the harmonic means of each edge's rotation and translation information: inverse mean
 /// variances (1/rad², 1/m²).
@@ -35,113 +38,62 @@ use super::{Edge, PoseGraph};
 /// let graph = PoseGraph2 { ids: vec![0, 1, 2], poses, edges, fixed: vec![] };
 /// let found = chordal(&graph)?;
 /// assert!((found[2].translation - nalgebra::Vector2::new(1f64.cos(), 1f64.sin()) * 2.0).norm() < 1e-9);
-/// # Ok::<(), tactile_host::graph::pose::odometry::InitialError>(())
+/// # Ok::<(), tactile_host::graph::pose::Error>(())
 /// ```
 ///
 /// # Errors
-/// Indices that lead nowhere, numbers that are not finite, negative information, poses that no edge
-/// with information connects to a held one.
+/// See [`Error`]: numbers out of range, or poses whose rotation or translation nothing measures.
 pub fn chordal<G: Rigid<D, N>, const D: usize, const N: usize>(
     graph: &PoseGraph<G, D>,
-) -> Result<Vec<G>, InitialError> {
-    let held = held(graph)?;
-    let mut still = vec![false; graph.poses.len()];
-    for &pose in &held {
-        still[pose] = true;
-    }
-    let ends: Vec<(usize, usize)> = graph.edges.iter().map(|edge| (edge.from, edge.to)).collect();
-    let weights = weights(graph)?;
-    for (part, axis) in [("rotation", 0), ("translation", 1)] {
-        let measures = |edge: usize| weights[edge][axis] > 0.0;
-        if let Some(pose) = unmeasured(&still, &ends, measures) {
-            return Err(InitialError::Unmeasured { pose: pose_name(graph, pose), part });
-        }
-    }
+) -> Result<Vec<G>, Error> {
+    graph.check()?;
+    chordal_in(graph, &Layout::new(graph, &graph.held(), Structure::LIMIT)?)
+}
+
+/// [`chordal`] of a graph that is checked, in a layout that is known.
+pub(super) fn chordal_in<G: Rigid<D, N>, const D: usize, const N: usize>(
+    graph: &PoseGraph<G, D>,
+    layout: &Layout,
+) -> Result<Vec<G>, Error> {
+    let places = Places::new(graph, layout);
     let mut poses = graph.poses.clone();
-    if held.len() == poses.len() {
-        return Ok(poses);
-    }
-    let pattern = Pattern::new(&still, &ends)?;
-    rotations(graph, &weights, &pattern, &mut poses)?;
-    translations(graph, &weights, &pattern, &mut poses)?;
+    rotations(graph, &places, &mut poses)?;
+    translations(graph, &places, &mut poses)?;
     Ok(poses)
 }
 
-/// κ and τ of every edge.
-fn weights<G: Rigid<D, N>, const D: usize, const N: usize>(
-    graph: &PoseGraph<G, D>,
-) -> Result<Vec<[f64; 2]>, InitialError> {
-    let indefinite = |edge, part| InitialError::Indefinite { edge: edge_name(graph, edge), part };
-    let weigh = |(index, edge): (usize, &Edge<G, D>)| {
-        let translation = harmonic_mean(|r, c| edge.information[(r, c)], N);
-        let rotation = harmonic_mean(|r, c| edge.information[(N + r, N + c)], D - N);
-        Ok([
-            rotation.ok_or_else(|| indefinite(index, "rotation"))?,
-            translation.ok_or_else(|| indefinite(index, "translation"))?,
-        ])
-    };
-    graph.edges.iter().enumerate().map(weigh).collect()
-}
-
-/// n / tr(A⁻¹) of a positive semidefinite matrix, n ≤ 3: zero where it is singular, `None` where it has a
-/// negative eigenvalue.
-fn harmonic_mean(get: impl Fn(usize, usize) -> f64, n: usize) -> Option<f64> {
+/// κ or τ: n / tr(A⁻¹) of the n × n part of an edge's information that starts at row `first`; zero where
+/// that is singular.
+fn harmonic_mean<const D: usize>(information: &SMatrix<f64, D, D>, first: usize, n: usize) -> f64 {
+    let get = |r: usize, c: usize| information[(first + r, first + c)];
     let minor = |a: usize, b: usize| get(a, a) * get(b, b) - get(a, b) * get(b, a);
     let (determinant, minors) = match n {
-        1 => return Some(get(0, 0)).filter(|&value| value >= 0.0),
+        1 => return get(0, 0),
         2 => (minor(0, 1), get(0, 0) + get(1, 1)),
         _ => {
-            let matrix = SMatrix::<f64, 3, 3>::from_fn(&get);
+            let matrix = SMatrix::<f64, 3, 3>::from_fn(get);
             (matrix.determinant(), minor(0, 1) + minor(0, 2) + minor(1, 2))
         }
     };
-    let trace: f64 = (0..n).map(|k| get(k, k)).sum();
-    // Coefficients of the characteristic polynomial: none negative but by rounding.
-    let scale = (0..n).map(|k| get(k, k).abs()).fold(0.0, f64::max);
-    let tolerance = 1e-12 * scale.powi(n as i32 - 1);
-    if trace < 0.0 || minors < -tolerance || determinant < -tolerance * scale {
-        return None;
-    }
-    Some(if determinant > tolerance * scale { n as f64 * determinant / minors } else { 0.0 })
-}
-
-/// The first pose that no way of edges that measure connects to one that is still.
-fn unmeasured(
-    still: &[bool],
-    ends: &[(usize, usize)],
-    measures: impl Fn(usize) -> bool,
-) -> Option<usize> {
-    let mut neighbours = vec![vec![]; still.len()];
-    for (_, &(a, b)) in ends.iter().enumerate().filter(|(edge, _)| measures(*edge)) {
-        neighbours[a].push(b);
-        neighbours[b].push(a);
-    }
-    let mut reached = still.to_vec();
-    let mut stack: Vec<usize> = (0..still.len()).filter(|&pose| still[pose]).collect();
-    while let Some(pose) = stack.pop() {
-        for &next in &neighbours[pose] {
-            if !std::mem::replace(&mut reached[next], true) {
-                stack.push(next);
-            }
-        }
-    }
-    reached.iter().position(|&reached| !reached)
+    let scale = (0..n).map(|k| get(k, k)).fold(0.0, f64::max);
+    // Rounding leaves this much of a determinant that is zero.
+    let singular = determinant <= 1e-12 * scale.powi(n as i32);
+    if singular { 0.0 } else { n as f64 * determinant / minors }
 }
 
 /// Sets the rotations of the free poses.
 fn rotations<G: Rigid<D, N>, const D: usize, const N: usize>(
     graph: &PoseGraph<G, D>,
-    weights: &[[f64; 2]],
-    pattern: &Pattern,
+    places: &Places<'_>,
     poses: &mut [G],
-) -> Result<(), InitialError> {
-    let degenerate = InitialError::Degenerate { part: "rotation" };
-    let rows = pattern.free() * N;
-    let mut system = Blocks::<N>::new(pattern)?;
+) -> Result<(), Error> {
+    let unconstrained = |pose| Error::Unconstrained { id: graph.ids[pose], component: N };
+    let rows = places.free() * N;
+    let mut system = Blocks::<N>::new(places);
     // Unknown is the transpose of each rotation: its columns are the rows of R, which are independent.
     let mut right = vec![0.0; rows * N];
     let mut pull = |pose: usize, block: SMatrix<f64, N, N>| {
-        if let Some(at) = pattern.position(pose) {
+        if let Some(at) = places.position(pose) {
             for c in 0..N {
                 for r in 0..N {
                     right[c * rows + at * N + r] += block[(r, c)];
@@ -149,25 +101,25 @@ fn rotations<G: Rigid<D, N>, const D: usize, const N: usize>(
             }
         }
     };
-    for (index, (edge, &[kappa, _])) in graph.edges.iter().zip(weights).enumerate() {
+    for (index, edge) in graph.edges.iter().enumerate() {
+        let kappa = harmonic_mean(&edge.information, N, D - N);
         let measured = edge.measured.rotation_matrix() * kappa;
         let own = SMatrix::identity() * kappa;
         system.add_pose(edge.from, &own);
         system.add_pose(edge.to, &own);
         system.add_edge(index, &-measured.transpose());
-        if pattern.position(edge.from).is_none() {
+        if places.position(edge.from).is_none() {
             pull(edge.to, (graph.poses[edge.from].rotation_matrix() * measured).transpose());
         }
-        if pattern.position(edge.to).is_none() {
+        if places.position(edge.to).is_none() {
             pull(edge.from, measured * graph.poses[edge.to].rotation_matrix().transpose());
         }
     }
-    let factor = system.factor()?.ok_or(degenerate.clone())?;
-    factor.solve(&mut right, N)?;
+    system.solve(&mut right).map_err(|Singular { pose, .. }| unconstrained(pose))?;
     for (pose, place) in poses.iter_mut().enumerate() {
-        if let Some(at) = pattern.position(pose) {
+        if let Some(at) = places.position(pose) {
             let relaxed = SMatrix::from_fn(|r, c| right[r * rows + at * N + c]);
-            *place = G::nearest(&relaxed, SVector::zeros()).ok_or(degenerate.clone())?;
+            *place = G::nearest(&relaxed, SVector::zeros()).ok_or_else(|| unconstrained(pose))?;
         }
     }
     Ok(())
@@ -176,22 +128,22 @@ fn rotations<G: Rigid<D, N>, const D: usize, const N: usize>(
 /// Sets the translations of the free poses, given all rotations.
 fn translations<G: Rigid<D, N>, const D: usize, const N: usize>(
     graph: &PoseGraph<G, D>,
-    weights: &[[f64; 2]],
-    pattern: &Pattern,
+    places: &Places<'_>,
     poses: &mut [G],
-) -> Result<(), InitialError> {
-    let degenerate = InitialError::Degenerate { part: "translation" };
-    let rows = pattern.free();
-    let mut system = Blocks::<1>::new(pattern)?;
+) -> Result<(), Error> {
+    let unconstrained = |pose| Error::Unconstrained { id: graph.ids[pose], component: 0 };
+    let rows = places.free();
+    let mut system = Blocks::<1>::new(places);
     let mut right = vec![0.0; rows * N];
     let mut pull = |pose: usize, force: SVector<f64, N>| {
-        if let Some(at) = pattern.position(pose) {
+        if let Some(at) = places.position(pose) {
             for (axis, value) in force.iter().enumerate() {
                 right[axis * rows + at] += value;
             }
         }
     };
-    for (index, (edge, &[_, tau])) in graph.edges.iter().zip(weights).enumerate() {
+    for (index, edge) in graph.edges.iter().enumerate() {
+        let tau = harmonic_mean(&edge.information, 0, N);
         let block = SMatrix::<f64, 1, 1>::new(tau);
         system.add_pose(edge.from, &block);
         system.add_pose(edge.to, &block);
@@ -199,20 +151,19 @@ fn translations<G: Rigid<D, N>, const D: usize, const N: usize>(
         let step = poses[edge.from].rotation_matrix() * edge.measured.translation_vector() * tau;
         pull(edge.from, -step);
         pull(edge.to, step);
-        if pattern.position(edge.from).is_none() {
+        if places.position(edge.from).is_none() {
             pull(edge.to, poses[edge.from].translation_vector() * tau);
         }
-        if pattern.position(edge.to).is_none() {
+        if places.position(edge.to).is_none() {
             pull(edge.from, poses[edge.to].translation_vector() * tau);
         }
     }
-    let factor = system.factor()?.ok_or(degenerate.clone())?;
-    factor.solve(&mut right, N)?;
+    system.solve(&mut right).map_err(|Singular { pose, .. }| unconstrained(pose))?;
     for (pose, place) in poses.iter_mut().enumerate() {
-        if let Some(at) = pattern.position(pose) {
+        if let Some(at) = places.position(pose) {
             *place = place.moved_to(SVector::from_fn(|axis, _| right[axis * rows + at]));
             if !place.is_finite() {
-                return Err(degenerate);
+                return Err(unconstrained(pose));
             }
         }
     }
@@ -240,15 +191,15 @@ mod tests {
         }
         graph.fixed = (0..random.index(3)).map(|_| random.index(graph.poses.len())).collect();
         let truth = graph.poses.clone();
-        let held = held(&graph).unwrap();
+        let held = graph.held();
         for (pose, place) in graph.poses.iter_mut().enumerate() {
-            if !held.contains(&pose) {
+            if !held[pose] {
                 *place = random.anywhere(10.0);
             }
         }
         let found = chordal(&graph).unwrap();
         assert!(distance(&found, &truth) < 1e-16, "{}", distance(&found, &truth));
-        assert!(held.iter().all(|&pose| found[pose] == graph.poses[pose]));
+        assert!((0..held.len()).all(|k| !held[k] || found[k] == graph.poses[k]));
     }
 
     fn better_than_odometry<G: Rigid<D, N>, const D: usize, const N: usize>(
@@ -296,10 +247,10 @@ mod tests {
             let root = nalgebra::Matrix3::from_fn(|_, _| random.normal());
             let matrix = root * root.transpose() + nalgebra::Matrix3::identity() * 0.01;
             let expected = 3.0 / matrix.try_inverse().unwrap().trace();
-            let mean = harmonic_mean(|r, c| matrix[(r, c)], 3).unwrap();
+            let mean = harmonic_mean(&matrix, 0, 3);
             prop_assert!((mean - expected).abs() < 1e-6 * expected);
-            let negative = matrix - nalgebra::Matrix3::identity() * (matrix.symmetric_eigenvalues().min() * 1.1);
-            prop_assert_eq!(harmonic_mean(|r, c| negative[(r, c)], 3), None);
+            let expected = 2.0 / matrix.fixed_view::<2, 2>(1, 1).try_inverse().unwrap().trace();
+            prop_assert!((harmonic_mean(&matrix, 1, 2) - expected).abs() < 1e-6 * expected);
         }
     }
 
@@ -328,18 +279,16 @@ mod tests {
         let mut graph = grid::<Se2, 3>(5, 2, 0.0);
         graph.edges[0].information[(2, 2)] = 0.0;
         graph.edges.pop();
-        let refused = chordal(&graph).unwrap_err().to_string();
-        assert_eq!(
-            refused,
-            "the rotation of pose 10 is not measured: the edges on its way have no information"
-        );
-        graph.edges[0].information[(2, 2)] = -1.0;
-        let refused = chordal(&graph).unwrap_err().to_string();
-        assert_eq!(refused, "the rotation information of edge 7 → 10 is not positive semidefinite");
+        let unmeasured = Err(Error::Unconstrained { id: 10, component: 2 });
+        assert_eq!(chordal(&graph), unmeasured);
         graph.edges[0].information = SMatrix::identity();
         graph.edges[0].information[(0, 1)] = 1.0;
         graph.edges[0].information[(1, 0)] = 1.0;
-        let refused = chordal(&graph).unwrap_err().to_string();
-        assert!(refused.starts_with("the translation of pose 10 is not measured"), "{refused}");
+        let unmeasured = Err(Error::Unconstrained { id: 10, component: 0 });
+        assert_eq!(chordal(&graph), unmeasured);
+        graph.edges[0].information[(2, 2)] = -1.0;
+        let problem = "not positive semidefinite";
+        let indefinite = Err(Error::Information { edge: 0, from: 7, to: 10, problem });
+        assert_eq!(chordal(&graph), indefinite);
     }
 }

@@ -5,7 +5,8 @@
 //!
 //! Nothing here knows of contacts: a graph comes from a `.g2o` file or from the tactile front end.
 
-pub mod blocks;
+mod blocks;
+pub mod certificate;
 mod check;
 pub mod chordal;
 pub mod diagnosis;

@@ -3,7 +3,8 @@
 
 use nalgebra::{Matrix2, Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 
-use super::{Group, Se2, Se3};
+use super::certificate::{Certificate, in_blocks};
+use super::{Error, Group, PoseGraph, Se2, Se3};
 
 /// A motion with `D` degrees of freedom of a space with `N` dimensions.
 ///
@@ -24,17 +25,29 @@ pub trait Rigid<const D: usize, const N: usize>: Group<D> {
     /// `self` with another translation.
     fn moved_to(&self, translation: SVector<f64, N>) -> Self;
 
-    /// The rotation part of an error as a lower bound that is linear in the relative rotation matrix
-    /// M = Rzᵀ Rᵢᵀ Rⱼ: the constant c and the matrix K with eᵣᵀ Ω eᵣ ≥ c − tr(Kᵀ M) for every rotation,
-    /// with equality and equal slope at the error `at`.
-    ///
-    /// In space it is an equality everywhere: products of a unit quaternion's parts are linear in its
-    /// matrix. In the plane ω θ² is a convex function of cos θ, which is above its tangent. `None`
-    /// at half a turn, where the plane's θ² has a kink.
+    /// A lower bound of eᵣᵀ Ω eᵣ + 2 γᵀ eᵣ, the cost of a rotation error, that is linear in the
+    /// relative rotation matrix M = Rzᵀ Rᵢᵀ Rⱼ: c − tr(Kᵀ M), with Ω of `information`'s rotation part
+    /// and γ of `linear`'s. It holds for every rotation. At the error `at` it is equal, with equal slope;
+    /// in space only where γ is zero, else it is lower by 4‖γ‖ at most. `None` where there is no
+    /// such bound.
     fn linear_rotation_cost(
         information: &SMatrix<f64, D, D>,
+        linear: &SVector<f64, D>,
         at: &SVector<f64, D>,
-    ) -> Option<(f64, SMatrix<f64, N, N>)>;
+    ) -> Option<Affine<N>>;
+
+    /// [`certify`](super::certificate::certify) with blocks of N + 1 numbers, which only a type that
+    /// knows N can say.
+    fn certify(graph: &PoseGraph<Self, D>) -> Result<Certificate, Error>;
+}
+
+/// c − tr(Kᵀ M) of a rotation matrix M.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Affine<const N: usize> {
+    /// c.
+    pub constant: f64,
+    /// K.
+    pub slope: SMatrix<f64, N, N>,
 }
 
 impl Rigid<3, 2> for Se2 {
@@ -60,17 +73,34 @@ impl Rigid<3, 2> for Se2 {
 
     fn linear_rotation_cost(
         information: &SMatrix<f64, 3, 3>,
+        linear: &SVector<f64, 3>,
         at: &SVector<f64, 3>,
-    ) -> Option<(f64, Matrix2<f64>)> {
-        let (weight, angle) = (information[(2, 2)], at[2]);
-        // θ² = a − b cos θ up to second order about `angle`: slopes 2θ = b sin θ.
+    ) -> Option<Affine<2>> {
+        let weight = information[(2, 2)];
+        if weight == 0.0 {
+            let nothing = Affine { constant: 0.0, slope: Matrix2::zeros() };
+            return (linear[2] == 0.0).then_some(nothing);
+        }
+        // ω θ² + 2 γ θ = ω (θ + γ/ω)² − γ²/ω, and the square of an angle φ, convex in cos φ, is above its
+        // tangent φ₀² + b (cos φ₀ − cos φ) with b = 2 φ₀ / sin φ₀: beyond half a turn too, where the
+        // tangent falls again.
+        let shift = linear[2] / weight;
+        let angle = at[2] + shift;
         let slope = match angle.abs() {
             small if small < 1e-4 => 2.0 + angle * angle / 3.0,
             large if large > std::f64::consts::PI - 1e-6 => return None,
             _ => 2.0 * angle / angle.sin(),
         };
-        let constant = angle * angle + slope * angle.cos();
-        Some((weight * constant, Matrix2::identity() * (weight * slope / 2.0)))
+        // cos(θ + δ) = ½ tr(R(−δ)ᵀ M).
+        let (sin, cos) = shift.sin_cos();
+        Some(Affine {
+            constant: weight * (angle * angle + slope * angle.cos() - shift * shift),
+            slope: Matrix2::new(cos, sin, -sin, cos) * (weight * slope / 2.0),
+        })
+    }
+
+    fn certify(graph: &PoseGraph<Self, 3>) -> Result<Certificate, Error> {
+        in_blocks::<Self, 3, 2, 3>(graph)
     }
 }
 
@@ -97,12 +127,32 @@ impl Rigid<6, 3> for Se3 {
 
     fn linear_rotation_cost(
         information: &SMatrix<f64, 6, 6>,
-        _at: &SVector<f64, 6>,
-    ) -> Option<(f64, Matrix3<f64>)> {
-        // 4 v vᵀ = M + Mᵀ + (1 − tr M) I of the vector part v of M's unit quaternion.
+        linear: &SVector<f64, 6>,
+        at: &SVector<f64, 6>,
+    ) -> Option<Affine<3>> {
+        // 4 v vᵀ = M + Mᵀ + (1 − tr M) I of the vector part v of M's unit quaternion (w, v).
         let omega = information.fixed_view::<3, 3>(3, 3).into_owned();
         let trace = omega.trace();
-        Some((trace / 4.0, (Matrix3::identity() * trace - omega * 2.0) / 4.0))
+        let mut affine = Affine {
+            constant: trace / 4.0,
+            slope: (Matrix3::identity() * trace - omega * 2.0) / 4.0,
+        };
+        let gamma = linear.fixed_rows::<3>(3).into_owned();
+        let size = gamma.norm();
+        if size > 0.0 {
+            // γᵀv = γᵀ(w v)/w₀ + γᵀv (w₀ − w)/w₀: linear in M − Mᵀ, and small near w₀.
+            let w = (1.0 - at.fixed_rows::<3>(3).norm_squared()).max(0.0).sqrt();
+            if w < 0.5 {
+                return None;
+            }
+            affine.slope -= gamma.cross_matrix() / (2.0 * w);
+            affine.constant -= 2.0 * size * w.max(1.0 - w) / w;
+        }
+        Some(affine)
+    }
+
+    fn certify(graph: &PoseGraph<Self, 6>) -> Result<Certificate, Error> {
+        in_blocks::<Self, 6, 3, 4>(graph)
     }
 }
 
