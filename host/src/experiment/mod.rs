@@ -7,6 +7,7 @@ pub mod chapter3;
 pub mod localization;
 pub mod memory;
 pub mod model;
+pub mod pose_graphs;
 pub mod proportion;
 pub mod push;
 pub mod shapes;

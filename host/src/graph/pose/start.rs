@@ -1,8 +1,8 @@
 //! Where a descent starts.
 
 use super::chordal::chordal;
-use super::odometry::{InitialError, odometry};
-use super::{PoseGraph, Rigid};
+use super::odometry::odometry;
+use super::{Error, PoseGraph, Rigid};
 
 /// The initial values on offer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -32,7 +32,7 @@ impl Start {
     pub fn place<G: Rigid<D, N>, const D: usize, const N: usize>(
         self,
         graph: &mut PoseGraph<G, D>,
-    ) -> Result<(), InitialError> {
+    ) -> Result<(), Error> {
         match self {
             Start::File => (),
             Start::Chordal => graph.poses = chordal(graph)?,
