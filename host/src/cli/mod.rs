@@ -7,6 +7,7 @@ pub mod import;
 pub mod inspect;
 pub mod live;
 pub mod localize;
+pub mod optimize;
 pub mod replay;
 pub mod reproduce;
 pub mod simulate;
@@ -38,6 +39,7 @@ enum Command {
     Import(import::ImportArgs),
     Live(live::LiveArgs),
     Localize(localize::LocalizeArgs),
+    Optimize(optimize::OptimizeArgs),
     Replay(replay::ReplayArgs),
     Inspect(inspect::InspectArgs),
     Reproduce(reproduce::ReproduceArgs),
@@ -53,6 +55,7 @@ impl Cli {
             Command::Import(args) => import::run(args),
             Command::Live(args) => live::run(args),
             Command::Localize(args) => localize::run(args),
+            Command::Optimize(args) => optimize::run(args),
             Command::Replay(args) => replay::run(args),
             Command::Inspect(args) => inspect::run(args),
             Command::Reproduce(args) => reproduce::run(args),

@@ -11,7 +11,8 @@ use crate::cli::{Error, say};
 use crate::experiment::chapter2::{self, FIGURES};
 use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{
-    Picture, calibration, chapter3, data, exploration, localization, memory, push, shapes, tracking,
+    Picture, calibration, chapter3, data, exploration, localization, memory, pose_graphs, push,
+    shapes, tracking,
 };
 use crate::graph;
 use crate::log::write::write_atomically;
@@ -24,7 +25,7 @@ pub struct ReproduceArgs {
     /// Which: a figure of the thesis, or one of ours
     #[arg(value_parser = PossibleValuesParser::new(names()))]
     name: String,
-    /// How many seeds, from 0 on [default: 20; of trackers 40, mujoco 1]
+    /// How many seeds, from 0 on [default: 20; of trackers 40, mujoco 1, pose-graphs 5]
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     seeds: Option<u64>,
     /// Print the numbers as JSON
@@ -43,6 +44,7 @@ impl ReproduceArgs {
             TRACKING | CONSISTENCY => 40,
             name if EXPLORATION.contains(&name) => 40,
             MUJOCO => 1,
+            POSE_GRAPHS => 5,
             _ => 20,
         })
     }
@@ -50,10 +52,10 @@ impl ReproduceArgs {
 
 /// Which part of a comparison to run: all of it together runs for hours.
 #[derive(Debug, PartialEq, Args)]
-#[command(next_help_heading = "Only for shapes, tracking and mujoco")]
+#[command(next_help_heading = "Only for shapes, tracking, mujoco and pose-graphs")]
 struct PartArgs {
-    /// Only objects (of mujoco: recordings) whose name holds this, such as ycb/ or box; or, but for
-    /// mujoco, any object as in simulate
+    /// Only objects (of mujoco: recordings, of pose-graphs: graphs) whose name holds this, such as ycb/ or
+    /// box; or, of shapes and tracking, any object as in simulate
     #[arg(long, value_name = "OBJECT")]
     object: Vec<String>,
     /// The first seed [default: 0]
@@ -90,7 +92,7 @@ impl PartArgs {
         const TRACKERS: &[&str] = &[TRACKING, CONSISTENCY, MUJOCO];
         const SIMULATED: &[&str] = &[TRACKING, CONSISTENCY];
         const ALL: &[&str] =
-            &[SHAPES, TRACKING, CONSISTENCY, MUJOCO, EXPLORATION[0], EXPLORATION[1]];
+            &[SHAPES, TRACKING, CONSISTENCY, MUJOCO, POSE_GRAPHS, EXPLORATION[0], EXPLORATION[1]];
         let options: [(_, &'static [&'static str], bool); 8] = [
             ("--object", ALL, !self.object.is_empty()),
             ("--first-seed", COMPARISONS, self.first_seed.is_some()),
@@ -120,12 +122,15 @@ const MUJOCO: &str = "mujoco";
 /// Actions until a shape is known.
 const EXPLORATION: [&str; 2] = ["table-4.2", "table-4.3"];
 
+/// The standard pose graphs of the field; seeds are repetitions.
+const POSE_GRAPHS: &str = "pose-graphs";
+
 /// What is quick and no figure of the thesis.
 const OTHERS: [&str; 1] = ["push"];
 
 /// Not part of `all`, which would take hours with them.
-const LONG: [&str; 7] =
-    [SHAPES, TRACKING, CONSISTENCY, MUJOCO, "calibration", "memory", "table-3.1"];
+const LONG: [&str; 8] =
+    [SHAPES, TRACKING, CONSISTENCY, MUJOCO, POSE_GRAPHS, "calibration", "memory", "table-3.1"];
 
 fn names() -> Vec<&'static str> {
     let figures = FIGURES.iter().map(|f| f.name);
@@ -194,6 +199,7 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
         TRACKING | CONSISTENCY => return compare_trackers(args),
         MUJOCO => return follow_recordings(args),
         name if EXPLORATION.contains(&name) => return count_actions(args),
+        POSE_GRAPHS => return optimise_graphs(args),
         _ => (),
     }
     let wanted = |name: &&str| match args.name.as_str() {
@@ -305,6 +311,14 @@ fn count_actions(args: &ReproduceArgs) -> Result<(), Error> {
     let object = args.part.object.first().map(String::as_str);
     let table = exploration::run(of, object, seeds, rows).map_err(Error::input)?;
     conclude(args, &Outcome::new(name, &table, None)?)
+}
+
+/// The pose graphs, row by row as they are done.
+fn optimise_graphs(args: &ReproduceArgs) -> Result<(), Error> {
+    let rows = watch(args, pose_graphs::heading());
+    let table = pose_graphs::run(data().as_deref(), &args.part.object, args.seeds(), rows)
+        .map_err(Error::input)?;
+    conclude(args, &Outcome::new(POSE_GRAPHS, &table, None)?)
 }
 
 /// Shows the rows of a long comparison to whoever watches, as they are done.

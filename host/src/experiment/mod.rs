@@ -8,6 +8,7 @@ pub mod exploration;
 pub mod localization;
 pub mod memory;
 pub mod model;
+pub mod pose_graphs;
 pub mod proportion;
 pub mod push;
 pub mod shapes;

@@ -1,6 +1,18 @@
 //! The groups of rigid motions: SE(2) and SE(3), their small motions and the error of a measurement.
 
-use nalgebra::{Quaternion, SVector, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Quaternion, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
+
+/// The error of a measurement and how it changes when the two poses are displaced, each by a tangent
+/// of its own: error(x ⊕ a, y ⊕ b) ≈ error + from·a + to·b.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Linearised<const D: usize> {
+    /// [`Group::error`].
+    pub error: SVector<f64, D>,
+    /// Derivative by the tangent of the pose it is measured from.
+    pub from: SMatrix<f64, D, D>,
+    /// Derivative by the tangent of the pose that is measured.
+    pub to: SMatrix<f64, D, D>,
+}
 
 /// A rigid motion with `D` degrees of freedom.
 ///
@@ -11,6 +23,12 @@ pub trait Group<const D: usize>:
 {
     /// Dimension of the space: 2 or 3.
     const DIMENSION: usize;
+
+    /// The motion with what derivatives need of it computed once.
+    type Frame: Copy + std::fmt::Debug + Send + Sync;
+
+    /// This motion's frame.
+    fn frame(&self) -> Self::Frame;
 
     /// The motion that moves nothing.
     fn identity() -> Self;
@@ -34,6 +52,18 @@ pub trait Group<const D: usize>:
     /// angle in (−π, π]; in space it is the vector part of the unit quaternion with w ≥ 0, which is half
     /// the rotation vector for small ones.
     fn error(from: &Self, to: &Self, measured: &Self) -> SVector<f64, D>;
+
+    /// [`error`](Group::error) with its derivatives.
+    fn linearise(from: &Self, to: &Self, measured: &Self) -> Linearised<D> {
+        Self::linearise_frames(&from.frame(), &to.frame(), &measured.frame())
+    }
+
+    /// [`linearise`](Group::linearise) between frames, where many edges meet in a pose.
+    fn linearise_frames(
+        from: &Self::Frame,
+        to: &Self::Frame,
+        measured: &Self::Frame,
+    ) -> Linearised<D>;
 
     /// Whether every number is finite.
     fn is_finite(&self) -> bool;
@@ -79,8 +109,25 @@ impl Se2 {
     }
 }
 
+/// A motion of the plane and its rotation's cosine and sine.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame2 {
+    translation: Vector2<f64>,
+    angle: f64,
+    cos: f64,
+    sin: f64,
+}
+
+impl Frame2 {
+    /// A direction of the world in the axes of the frame.
+    fn back(&self, v: Vector2<f64>) -> Vector2<f64> {
+        Vector2::new(self.cos * v.x + self.sin * v.y, self.cos * v.y - self.sin * v.x)
+    }
+}
+
 impl Group<3> for Se2 {
     const DIMENSION: usize = 2;
+    type Frame = Frame2;
 
     fn identity() -> Self {
         Self::new(0.0, 0.0, 0.0)
@@ -106,6 +153,27 @@ impl Group<3> for Se2 {
         SVector::<f64, 3>::new(error.translation.x, error.translation.y, error.angle)
     }
 
+    fn frame(&self) -> Frame2 {
+        let (sin, cos) = self.angle.sin_cos();
+        Frame2 { translation: self.translation, angle: self.angle, cos, sin }
+    }
+
+    #[inline]
+    fn linearise_frames(from: &Frame2, to: &Frame2, measured: &Frame2) -> Linearised<3> {
+        let seen = from.back(to.translation - from.translation);
+        let t = measured.back(seen - measured.translation);
+        let swing = measured.back(Vector2::new(seen.y, -seen.x));
+        // The first column of the error's rotation.
+        let turn = measured.back(from.back(Vector2::new(to.cos, to.sin)));
+        let (cos, sin) = (measured.cos, measured.sin);
+        let angle = wrapped(to.angle - from.angle - measured.angle);
+        Linearised {
+            error: SVector::<f64, 3>::new(t.x, t.y, angle),
+            from: Matrix3::new(-cos, -sin, swing.x, sin, -cos, swing.y, 0.0, 0.0, -1.0),
+            to: Matrix3::new(turn.x, -turn.y, 0.0, turn.y, turn.x, 0.0, 0.0, 0.0, 1.0),
+        }
+    }
+
     fn is_finite(&self) -> bool {
         self.translation.iter().all(|x| x.is_finite()) && self.angle.is_finite()
     }
@@ -124,6 +192,7 @@ impl Se3 {
 
 impl Group<6> for Se3 {
     const DIMENSION: usize = 3;
+    type Frame = Self;
 
     fn identity() -> Self {
         Self { translation: Vector3::zeros(), rotation: UnitQuaternion::identity() }
@@ -158,6 +227,38 @@ impl Group<6> for Se3 {
         SVector::<f64, 6>::new(t.x, t.y, t.z, v.x, v.y, v.z)
     }
 
+    fn frame(&self) -> Self {
+        *self
+    }
+
+    #[inline]
+    fn linearise_frames(from: &Self, to: &Self, measured: &Self) -> Linearised<6> {
+        let from_back = from.rotation.inverse();
+        let seen = from_back * (to.translation - from.translation);
+        let back = measured.rotation.inverse();
+        let q = (back * (from_back * to.rotation)).into_inner();
+        let t = back * (seen - measured.translation);
+        let back = back.to_rotation_matrix().into_inner();
+        let turn = UnitQuaternion::new_unchecked(q).to_rotation_matrix().into_inner();
+        let (v, sign) = (q.imag(), if q.w < 0.0 { -1.0 } else { 1.0 });
+        // v of q (1, b/2) and of (1, −a/2) q, the latter with a seen from the measurement.
+        let after = (Matrix3::from_diagonal_element(q.w) + v.cross_matrix()) * (0.5 * sign);
+        let before = (Matrix3::from_diagonal_element(q.w) - v.cross_matrix()) * (0.5 * sign);
+        let (mut by_from, mut by_to) =
+            (SMatrix::<f64, 6, 6>::zeros(), SMatrix::<f64, 6, 6>::zeros());
+        by_from.fixed_view_mut::<3, 3>(0, 0).copy_from(&-back);
+        by_from.fixed_view_mut::<3, 3>(0, 3).copy_from(&(back * seen.cross_matrix()));
+        by_from.fixed_view_mut::<3, 3>(3, 3).copy_from(&-(before * back));
+        by_to.fixed_view_mut::<3, 3>(0, 0).copy_from(&turn);
+        by_to.fixed_view_mut::<3, 3>(3, 3).copy_from(&after);
+        let v = v * sign;
+        Linearised {
+            error: SVector::<f64, 6>::new(t.x, t.y, t.z, v.x, v.y, v.z),
+            from: by_from,
+            to: by_to,
+        }
+    }
+
     fn is_finite(&self) -> bool {
         self.translation.iter().chain(self.rotation.coords.iter()).all(|x| x.is_finite())
     }
@@ -188,7 +289,51 @@ mod tests {
         Ok(())
     }
 
+    /// Derivatives against central differences.
+    fn derivatives<G: Group<D>, const D: usize>(x: G, y: G, z: G) -> Result<(), TestCaseError> {
+        let exact = G::linearise(&x, &y, &z);
+        prop_assert!((exact.error - G::error(&x, &y, &z)).norm() < 1e-12);
+        let h = 1e-6;
+        for i in 0..D {
+            let step = SVector::<f64, D>::from_fn(|r, _| if r == i { h } else { 0.0 });
+            let from = [x.retract(&-step), x.retract(&step)].map(|x| G::error(&x, &y, &z));
+            let to = [y.retract(&-step), y.retract(&step)].map(|y| G::error(&x, &y, &z));
+            for ([less, more], exact) in [(from, exact.from), (to, exact.to)] {
+                let slope = (more - less) / (2.0 * h);
+                let wrong = (slope - exact.column(i)).norm();
+                prop_assert!(wrong < 1e-7 * (1.0 + slope.norm()), "{i}: {slope} {exact}");
+            }
+        }
+        Ok(())
+    }
+
     proptest! {
+        #[test]
+        fn derivatives_are_those_of_the_error(
+            (x, y, z) in (se2(), se2(), se2()), (a, b, c) in (se3(), se3(), se3()),
+        ) {
+            // At half a turn the error itself jumps.
+            prop_assume!(Se2::error(&x, &y, &z)[2].abs() < 3.1415);
+            derivatives(x, y, z)?;
+            prop_assume!(Se3::error(&a, &b, &c).fixed_rows::<3>(3).norm() < 0.99999);
+            derivatives(a, b, c)?;
+        }
+
+        #[test]
+        fn derivatives_are_right_near_half_turns(
+            axis in proptest::array::uniform3(-1.0f64..1.0), short in 1e-4f64..1e-2, (x, z) in (se3(), se3()),
+            (u, v) in (se2(), se2()), side in prop::bool::ANY,
+        ) {
+            let axis = Vector3::from(axis);
+            prop_assume!(axis.norm() > 0.1);
+            let angle = std::f64::consts::PI - short;
+            let turn = UnitQuaternion::from_scaled_axis(axis.normalize() * angle);
+            let error = Se3 { translation: axis, rotation: turn };
+            derivatives(x, x.compose(&z).compose(&error), z)?;
+            let error = Se2::new(axis.x, axis.y, if side { angle } else { -angle });
+            derivatives(u, u.compose(&v).compose(&error), v)?;
+        }
+
         #[test]
         fn measurements_of_the_poses_themselves_have_no_error(
             (a, b) in (se2(), se2()), (c, d) in (se3(), se3()),

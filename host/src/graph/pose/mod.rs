@@ -5,9 +5,30 @@
 //!
 //! Nothing here knows of contacts: a graph comes from a `.g2o` file or from the tactile front end.
 
+mod blocks;
+pub mod certificate;
+mod check;
+pub mod chordal;
+pub mod diagnosis;
+pub mod error;
+pub mod g2o;
+#[cfg(test)]
+pub(crate) mod grid;
 pub mod group;
+pub mod kernel;
+mod normal;
+pub mod odometry;
+pub mod optimizer;
+pub mod rigid;
+pub mod sparse;
+pub mod start;
 
-pub use group::{Group, Se2, Se3};
+pub use error::Error;
+pub use group::{Group, Linearised, Se2, Se3};
+pub use kernel::Kernel;
+pub use optimizer::{Iteration, Method, Optimizer, Options, Stop, Summary, optimize};
+pub use rigid::Rigid;
+pub use start::Start;
 
 use nalgebra::SMatrix;
 
@@ -26,7 +47,7 @@ pub struct Edge<G, const D: usize> {
 }
 
 /// Poses and what was measured between them.
-#[derive(Clone, Debug, PartialEq, Default)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PoseGraph<G, const D: usize> {
     /// Names of the poses in their file, all different.
     pub ids: Vec<u64>,
@@ -37,6 +58,12 @@ pub struct PoseGraph<G, const D: usize> {
     /// Indices of poses that stay where they are. Where a connected part has none, the solver holds its
     /// first pose.
     pub fixed: Vec<usize>,
+}
+
+impl<G, const D: usize> Default for PoseGraph<G, D> {
+    fn default() -> Self {
+        Self { ids: Vec::new(), poses: Vec::new(), edges: Vec::new(), fixed: Vec::new() }
+    }
 }
 
 /// A planar pose graph.
