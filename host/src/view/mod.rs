@@ -4,6 +4,7 @@ mod canvas;
 mod chart;
 mod colour;
 pub mod curves;
+pub mod mcap;
 mod model;
 mod plane;
 mod raster;
