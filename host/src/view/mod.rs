@@ -8,6 +8,7 @@ mod model;
 mod plane;
 mod raster;
 pub mod report;
+pub mod scene;
 pub mod sheet;
 pub mod summary;
 pub mod trajectory;
