@@ -25,12 +25,13 @@ class Camera {
     }, { passive: false });
   }
 
-  // Has everything within `reach` of `middle` in view; `share` is the part of the view that is free.
-  fit(middle, reach, share = 1) {
+  // Has a box about `middle` in view, `half` as large to each side, no corner farther than `reach`.
+  fit({ middle, half, reach }) {
     this.target = middle;
     this.reach = reach;
-    const narrow = Math.min(1, this.aspect()) * share;
-    this.distance = this.flat ? reach / narrow : reach / Math.sin(Camera.HALF) / Math.min(1, narrow * 1.15);
+    const free = 0.88;
+    if (this.flat) this.distance = Math.max(half[1], half[0] / this.aspect(), 1e-4) / free;
+    else this.distance = reach / Math.sin(Camera.HALF) / Math.min(1, this.aspect()) / 1.05;
     this.changed();
   }
 

@@ -16,14 +16,14 @@ const CHARTS = [
     ],
   },
   {
-    title: "Shape against the truth", unit: "mm",
+    title: "Shape against the truth", unit: "mm", wide: true,
     series: [
       { name: "Hausdorff", colour: "estimate", steps: true, values: (s) => bySurface(s, (f) => f.hausdorff) },
       { name: "mean", colour: "third", dash: [2, 3], steps: true, values: (s) => bySurface(s, (f) => f.mean) },
     ],
   },
   {
-    title: "Deviation of the surface", unit: "mm",
+    title: "Deviation of the surface", unit: "mm", wide: true,
     series: [
       { name: "median", colour: "estimate", steps: true, values: (s) => bySurface(s, (f) => quantile(f, 0.5)) },
       { name: "95 %", colour: "second", dash: [5, 3], steps: true, values: (s) => bySurface(s, (f) => quantile(f, 0.95)) },
@@ -131,14 +131,15 @@ class Charts {
       const [wide, high] = [canvas.clientWidth, canvas.clientHeight];
       const context = sized(canvas, wide, high);
       if (!context) continue;
-      const { low, high: top, step } = range;
+      const { low, high: top, ticks, scale } = range;
       const x = (k) => Charts.LEFT + (k / last) * (wide - Charts.LEFT - Charts.RIGHT);
-      const y = (v) => 6 + (1 - (Math.min(Math.max(v, low), top) - low) / (top - low)) * (high - 12);
+      const share = (v) => (scale(Math.min(Math.max(v, low), top)) - scale(low)) / (scale(top) - scale(low));
+      const y = (v) => 6 + (1 - share(v)) * (high - 12);
       const quiet = Colour.themed("quiet");
       context.font = "10.5px system-ui, sans-serif";
       context.textAlign = "right";
       context.textBaseline = "middle";
-      for (let v = low; v <= top + 1e-9 * step; v += step) {
+      for (const v of ticks) {
         context.strokeStyle = Colour.themed("line");
         context.lineWidth = 1;
         context.beginPath();
@@ -204,16 +205,27 @@ function thinned(points, most) {
   return kept;
 }
 
-function range({ series, signed }) {
+// The least and greatest value of an axis, its ticks and its scale: logarithmic where a chart is of a
+// wide range and its values are.
+function range({ series, signed, wide }) {
   const all = series.flatMap((s) => s.data).filter((v) => Number.isFinite(v));
-  let [low, high] = [signed ? Infinity : 0, -Infinity];
+  let [low, high, least] = [signed ? Infinity : 0, -Infinity, Infinity];
   for (const v of all) {
     low = Math.min(low, v);
     high = Math.max(high, v);
+    if (v > 0) least = Math.min(least, v);
   }
-  const step = niceAbove(Math.max((high - low) / 4, 1e-3));
+  if (wide && high > 30 * least) {
+    const bottom = Math.max(niceAbove(least * 0.5), 1e-4 * high);
+    const ticks = [];
+    for (let ten = 10 ** Math.floor(Math.log10(bottom)); ten <= high * 10; ten *= 10) if (ten >= bottom) ticks.push(ten);
+    return { low: bottom, high: niceAbove(high), ticks: ticks.filter((t) => t <= niceAbove(high)), scale: Math.log };
+  }
+  const step = niceAbove(Math.max((high - low) / 3, 1e-3));
   low = Math.floor(low / step + 1e-9) * step;
-  return { low, high: Math.max(Math.ceil(high / step - 1e-9) * step, low + step), step };
+  high = Math.max(Math.ceil(high / step - 1e-9) * step, low + step);
+  const ticks = Array.from({ length: Math.round((high - low) / step) + 1 }, (_, i) => low + i * step);
+  return { low, high, ticks, scale: (v) => v };
 }
 
 // The context of a canvas that has as many pixels as it is shown with; `null` where it is hidden.

@@ -85,7 +85,8 @@ class Picture {
       }
     }
     if (shown.doubt && grasp.deviations && resting) list.push(...this.doubt(grasp, model, middle));
-    // What is seen through comes last.
+    // A flat scene is drawn in the order of the list; in space what is seen through comes last.
+    if (this.flat()) return list.map((item) => ({ ...item, onTop: true }));
     return [...list.filter((item) => !item.ghost), ...list.filter((item) => item.ghost)];
   }
 
@@ -93,16 +94,26 @@ class Picture {
     return this.keep(this, `extent ${this.scene.version}`, () => this.scene.extent());
   }
 
-  // Middle and reach of everything, metres, in the frame that is shown.
+  // Middle of everything, half its size along each axis, and how far it reaches, metres, in the frame
+  // that is shown.
   bounds() {
-    const { middle, reach } = this.extent();
-    if (this.riding) return { middle, reach: 1.25 * reach };
-    const places = this.scene.grasps.flatMap((g) => [g.place, ...(g.truth && this.scene.gauge ? [Pose.compose(g.truth, Pose.inverse(this.scene.gauge))] : [])]);
-    const middles = places.map((place) => Pose.apply(place, middle));
-    const box = boxOf(middles.flat(), 3, middles.length);
-    if (!box) return { middle, reach };
-    const centre = Vector.scale(Vector.add(box.low, box.high), 0.5);
-    return { middle: centre, reach: 1.1 * reach + Math.hypot(...Vector.subtract(box.high, centre)) };
+    return this.keep(this, `bounds ${this.scene.version}${this.riding}`, () => {
+      const { grasps, gauge, contacts } = this.scene;
+      const every = (list, most) => list.filter((_, i) => i % Math.ceil(list.length / most) === 0);
+      const surface = this.scene.surfaces[this.scene.surfaces.length - 1];
+      const [numbers, stride] = surface ? [surface.vertices, 3] : [contacts.data.subarray(0, 6 * contacts.count), 6];
+      const own = every(Array.from({ length: numbers.length / stride }, (_, i) => numbers.subarray(stride * i, stride * i + 3)), 200);
+      const { middle, reach } = this.extent();
+      if (!own.length) own.push(middle);
+      const truth = (g) => (g.truth && gauge ? [Pose.compose(g.truth, Pose.inverse(gauge))] : []);
+      const places = this.riding ? [Pose.identity] : every(grasps.flatMap((g) => [g.place, ...truth(g)]), 300);
+      const points = places.flatMap((place) => own.map((point) => Pose.apply(place, point)));
+      const box = points.length ? boxOf(points.flat(), 3, points.length) : null;
+      if (!box) return { middle, half: [reach, reach, reach], reach };
+      const centre = Vector.scale(Vector.add(box.low, box.high), 0.5);
+      const half = Vector.subtract(box.high, centre).map((h) => Math.max(1.08 * h, 0.2 * reach));
+      return { middle: centre, half, reach: Math.hypot(...half) };
+    });
   }
 
   // `make` once for `key`, and again when `version` is another.
@@ -134,7 +145,7 @@ class Picture {
     const theme = Colour.themed("truth");
     if (this.flat()) {
       const lines = this.keep(this.scene.truth, `outline ${theme}`, () => outlineOf(this.scene.truth, () => ink));
-      return [{ kind: "lines", lines, model, width: 1.6, ghost: true }];
+      return [{ kind: "lines", lines, model, width: 1.5 }];
     }
     const mesh = this.keep(this.scene.truth, "mesh", () => meshOf(this.scene.truth.vertices, this.scene.truth.triangles, null));
     const lines = this.keep(this.scene.truth, `edges ${theme}`, () => edgesOf(this.scene.truth, ink));
@@ -213,13 +224,13 @@ class Picture {
 
   // On the floor, its lines a round distance apart.
   grid() {
-    const bounds = this.keep(this, `bounds ${this.scene.version}${this.riding}`, () => this.bounds());
+    const bounds = this.bounds();
     const step = this.gridStep();
     const theme = Colour.themed("line");
     const lines = this.keep(this, `grid ${this.scene.version}${this.riding}${theme}`, () => {
       const ink = Colour.rgb(theme);
-      const { middle, reach } = bounds;
-      const floor = this.flat() ? 0 : middle[2] - reach;
+      const { middle, half: box, reach } = bounds;
+      const floor = this.flat() ? 0 : middle[2] - 1.05 * box[2];
       const half = Math.ceil((this.flat() ? 4 : 1.6) * reach / step);
       const [x, y] = [Math.round(middle[0] / step), Math.round(middle[1] / step)];
       const segments = [];
@@ -234,7 +245,7 @@ class Picture {
   }
 
   gridStep() {
-    return niceAbove(this.keep(this, `bounds ${this.scene.version}${this.riding}`, () => this.bounds()).reach / 8);
+    return niceAbove(this.bounds().reach / 8);
   }
 }
 

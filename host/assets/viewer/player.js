@@ -309,7 +309,7 @@ class Player {
     this.playing = on && this.last() > 0;
     this.before = null;
     const button = this.element("play");
-    button.textContent = this.playing ? "❚❚" : "▶";
+    this.element("sign").setAttribute("d", this.playing ? "M4 2h2v12h-2zM10 2h2v12h-2z" : "M4 2l10 6-10 6z");
     button.setAttribute("aria-label", this.playing ? "Pause" : "Play");
     this.stale();
   }
@@ -328,9 +328,8 @@ class Player {
 
   fit() {
     this.touched = false;
-    const { middle, reach } = this.picture.bounds();
     this.element("frame").textContent = this.picture.riding ? "On the object" : "World";
-    this.camera.fit(middle, reach, 0.92);
+    this.camera.fit(this.picture.bounds());
     this.stale();
   }
 
@@ -344,7 +343,7 @@ class Player {
     this.asked = false;
     if (this.playing) {
       const pace = Math.min(Math.max(this.scene.grasps.length / WHOLE, PACE.least), PACE.most) * this.speed;
-      this.time += this.before === null ? 0 : Math.min((now - this.before) / 1e3, 0.25) * pace;
+      this.time += this.before === null ? 0 : Math.min(Math.max((now - this.before) / 1e3, 0), 0.25) * pace;
       this.before = now;
       if (this.time >= this.last()) {
         this.time = this.last();
@@ -390,7 +389,6 @@ class Player {
     }
     const names = scene.meta.fingers ?? [];
     if (!this.picture.shown.contacts || !names.length || grasp.end - grasp.first > 12) return;
-    context.textAlign = "left";
     const model = Pose.matrix(this.picture.riding ? Pose.identity : this.picture.poseAt(this.time, "place"));
     const whole = Matrix.multiply(this.camera.matrix(), model);
     const { reach } = this.picture.extent();
@@ -398,9 +396,22 @@ class Player {
       const name = names[grasp.fingers[i - grasp.first]];
       if (!name) continue;
       const { data } = scene.contacts;
-      const end = [0, 1, 2].map((a) => data[6 * i + a] + 0.3 * reach * data[6 * i + 3 + a]);
-      const [x, y, , w] = Matrix.project(whole, end);
-      if (w > 0) write(name, (0.5 + (0.5 * x) / w) * wide - 6, (0.5 - (0.5 * y) / w) * high, Colour.themed("ink"));
+      const normal = data.subarray(6 * i + 3, 6 * i + 6);
+      const turned = [0, 1, 2].map((row) => model[row] * normal[0] + model[4 + row] * normal[1] + model[8 + row] * normal[2]);
+      // On the far side.
+      if (!this.camera.flat && Vector.dot(turned, this.camera.axes().towards) < -0.1) continue;
+      const on = (length) => {
+        const point = [0, 1, 2].map((a) => data[6 * i + a] + length * data[6 * i + 3 + a]);
+        const [x, y, , w] = Matrix.project(whole, point);
+        return w > 0 ? [(0.5 + (0.5 * x) / w) * wide, (0.5 - (0.5 * y) / w) * high] : null;
+      };
+      const [foot, tip] = [on(0), on(0.22 * reach)];
+      if (!foot || !tip) continue;
+      // Beyond the tip of the normal, or above the contact where it points at the viewer.
+      const run = Math.hypot(tip[0] - foot[0], tip[1] - foot[1]);
+      const [dx, dy] = run > 6 ? [(tip[0] - foot[0]) / run, (tip[1] - foot[1]) / run] : [0, -1];
+      context.textAlign = dx > 0.4 ? "left" : dx < -0.4 ? "right" : "center";
+      write(name, tip[0] + 6 * dx, tip[1] + 12 * dy, Colour.themed("ink"));
     }
   }
 

@@ -5,7 +5,12 @@ async function selfTest(player) {
   const seen = { errors: [] };
   window.addEventListener("error", (event) => seen.errors.push(event.message));
   window.addEventListener("unhandledrejection", (event) => seen.errors.push(String(event.reason)));
-  const settle = () => new Promise((resolve) => setTimeout(resolve, 60));
+  // A browser without a screen may not ask for frames: then they are drawn here.
+  const settle = async () => {
+    const { count } = player.frames;
+    await new Promise((resolve) => setTimeout(resolve, 40));
+    if (player.frames.count === count) player.frame(performance.now());
+  };
   const { scene, camera } = player;
   try {
     await settle();

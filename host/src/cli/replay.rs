@@ -10,13 +10,15 @@ use crate::log::recording::Recording;
 use crate::log::replayed::Replayed;
 use crate::log::write::write_atomically;
 use crate::slam::output::true_shape;
+use crate::slam::replay;
 use crate::slam::track::Step;
-use crate::view::mcap;
+use crate::view::{html, mcap};
 
-/// Turn a recording into a grasp log, a table, or a file for Foxglove, Rerun and RViz
+/// Turn a recording into a moving scene for a browser, a grasp log, a table, or a file for Foxglove,
+/// Rerun and RViz
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:\n  tactile replay session.tac --to jsonl -o session.jsonl\n  tactile slam session.jsonl\n  tactile replay session.tac --to mcap -o session.mcap"
+    after_help = "Example:\n  tactile replay session.tac --to jsonl -o session.jsonl\n  tactile slam session.jsonl\n  tactile replay session.tac --to html -o session.html\n  tactile replay session.tac --to mcap -o session.mcap"
 )]
 pub struct ReplayArgs {
     /// A recording (.tac) or a grasp log (.jsonl)
@@ -36,6 +38,8 @@ pub enum Format {
     Jsonl,
     /// One line per estimate: pose, standard deviations, counts (of a recording)
     Csv,
+    /// A moving scene in one page that any browser opens; what the file lacks is said there
+    Html,
     /// ROS 2 messages: contacts, poses, the true shape; a grasp log has no estimates
     Mcap,
 }
@@ -45,19 +49,62 @@ pub enum Format {
 /// # Errors
 /// Neither a recording nor a log, a recording without a grasp, or an unwritable output.
 pub fn run(args: &ReplayArgs) -> Result<(), Error> {
-    let count = match args.file.extension().and_then(|e| e.to_str()) {
-        Some("jsonl") => {
+    if args.to == Format::Html {
+        // Says itself what is missing, and reads long recordings as they come.
+        return page(args);
+    }
+    let count = match is_log(&args.file) {
+        true => {
             let log = GraspLog::read(&args.file).map_err(Error::input)?;
             convert_log(&log, args)?;
             log.grasps.len()
         }
-        _ => {
+        false => {
             let replayed = read(&args.file)?;
             convert_recording(&replayed, args)?;
             replayed.log.grasps.len()
         }
     };
     say(format!("{count} grasps in {}", args.output.display()));
+    Ok(())
+}
+
+fn is_log(file: &Path) -> bool {
+    file.extension().is_some_and(|e| e == "jsonl")
+}
+
+/// Most lines of a damaged log that are named on the page.
+const NAMED: usize = 6;
+
+/// A page shows what there is, and says what there is not.
+fn page(args: &ReplayArgs) -> Result<(), Error> {
+    let scene = if is_log(&args.file) {
+        let (log, left_out) = GraspLog::salvage(&args.file).map_err(Error::input)?;
+        let mut missing: Vec<String> =
+            left_out.iter().take(NAMED).map(|e| format!("Left out: {e}")).collect();
+        if left_out.len() > NAMED {
+            missing.push(format!("{} more lines are left out.", left_out.len() - NAMED));
+        }
+        if log.grasps.is_empty() {
+            missing.push("There is no whole grasp in the log.".into());
+        }
+        let truth = true_shape(&log).unwrap_or_else(|error| {
+            missing.push(format!("The true shape is left out: {error}"));
+            None
+        });
+        let name = args.file.file_name().unwrap_or_default().to_string_lossy();
+        let title = if log.description.is_empty() { &*name } else { &log.description };
+        replay::of_log(&log, title, truth.as_ref(), missing)
+    } else {
+        replay::of_recording(&args.file).map_err(Error::input)?
+    };
+    for missing in &scene.meta.missing {
+        eprintln!("warning: {}: {missing}", args.file.display());
+    }
+    write_atomically(&args.output, |out| html::write(&scene, out))
+        .map_err(|e| unwritable(&args.output, e))?;
+    let grasps: u64 = scene.grasps.iter().map(|g| g.merged).sum();
+    say(format!("{grasps} grasps in {}", args.output.display()));
     Ok(())
 }
 
@@ -83,6 +130,7 @@ fn convert_recording(replayed: &Replayed, args: &ReplayArgs) -> Result<(), Error
     let log = &replayed.log;
     match args.to {
         Format::Jsonl => log.write(&args.output).map_err(Error::input),
+        Format::Html => page(args),
         Format::Csv => write_atomically(&args.output, |writer| replayed.write_csv(writer))
             .map_err(|e| unwritable(&args.output, e)),
         Format::Mcap => {
@@ -101,6 +149,7 @@ fn convert_recording(replayed: &Replayed, args: &ReplayArgs) -> Result<(), Error
 fn convert_log(log: &GraspLog, args: &ReplayArgs) -> Result<(), Error> {
     match args.to {
         Format::Jsonl => log.write(&args.output).map_err(Error::input),
+        Format::Html => page(args),
         Format::Csv => Err(Error::Input(format!(
             "{}: expected a recording (.tac), found a grasp log: it has no estimates to tabulate",
             args.file.display()
