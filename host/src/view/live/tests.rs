@@ -71,7 +71,8 @@ fn sum(messages: &[Value], field: &str) -> u64 {
 #[test]
 fn the_page_is_served_and_says_where_the_scene_is() {
     let view = view();
-    let answer = say(&view, format!("GET / HTTP/1.1\r\nHost: {}\r\n\r\n", view.address()).as_bytes());
+    let answer =
+        say(&view, format!("GET / HTTP/1.1\r\nHost: {}\r\n\r\n", view.address()).as_bytes());
     let (head, page) = answer.split_once("\r\n\r\n").unwrap();
     assert!(head.starts_with("HTTP/1.1 200 OK") && head.contains("text/html"), "{head}");
     assert!(head.contains(&format!("Content-Length: {}", page.len())));
