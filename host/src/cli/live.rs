@@ -10,12 +10,13 @@ use serde_json::{Value, json};
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::wire::WireSpace;
 
+use self::watch::{Address, Watch};
 use super::slam::Input;
 use super::{Error, progress, say};
 use crate::link::qemu::Qemu;
 use crate::link::session::settings_for;
 use crate::link::tcp::Tcp;
-use crate::link::{Link, LogOutcome, Patience, Recorder, Session, virtual_board};
+use crate::link::{GraspOutcome, Link, LogOutcome, Patience, Recorder, Session, virtual_board};
 use crate::log::GraspLog;
 use crate::log::recording::Header;
 use crate::slam::choose::Choice;
@@ -23,6 +24,8 @@ use crate::slam::output::{Provenance, conclude};
 use crate::slam::track::Step;
 use crate::slam::trackers::Kind;
 use crate::space::Bridge;
+
+mod watch;
 
 /// Emulators end after this long, whatever happens.
 const EMULATOR_LIMIT: Duration = Duration::from_secs(3600);
@@ -33,7 +36,7 @@ const CONNECT: Duration = Duration::from_secs(5);
 /// The board runs the tracker; surface, report and picture are made here, as by `tactile slam`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:\n  tactile live --port qemu --log ellipse.jsonl --record ellipse.tac --out live\n\n\
+    after_help = "Example:\n  tactile live --port qemu --log ellipse.jsonl --record ellipse.tac --out live\n  tactile live --port virtual --pace 0.5 --view   (then open http://127.0.0.1:7332/)\n\n\
     Ports: qemu builds the firmware and starts it on an emulated STM32F405; virtual is the same code \
     in this process; tcp:HOST:PORT is a board behind a socket, for a serial port for example \
     `socat TCP-LISTEN:7000,reuseaddr FILE:/dev/ttyACM0,b115200,raw,echo=0` and tcp:127.0.0.1:7000."
@@ -54,6 +57,13 @@ pub struct LiveArgs {
     /// Seed of the board's random numbers
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Show the session in a browser while it runs, and after, until Ctrl-C. Other machines see it
+    /// only at an address that they reach, such as 0.0.0.0:7332, and then everyone there does
+    #[arg(long, value_name = "[HOST:]PORT", num_args = 0..=1, default_missing_value = "7332")]
+    view: Option<Address>,
+    /// Seconds to wait between grasps: a log is faster than a hand
+    #[arg(long, value_name = "SECONDS", default_value = "0", value_parser = pace)]
+    pace: Duration,
     /// Folder for the results
     #[arg(long, default_value = "out")]
     out: PathBuf,
@@ -92,6 +102,14 @@ impl FromStr for Port {
     }
 }
 
+/// Seconds between grasps.
+fn pace(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse::<f64>().ok().filter(|s| (0.0..=3600.0).contains(s));
+    seconds
+        .map(Duration::from_secs_f64)
+        .ok_or_else(|| format!("expected seconds from 0 to 3600, found `{text}`"))
+}
+
 /// Runs the subcommand.
 ///
 /// # Errors
@@ -99,9 +117,14 @@ impl FromStr for Port {
 pub fn run(args: &LiveArgs) -> Result<(), Error> {
     let input = Input::open(args.log.as_deref(), &args.out)?;
     let Input { log, name, truth } = &input;
-    let fed =
-        if log.dimension == 2 { feed::<Planar>(args, log) } else { feed::<Spatial>(args, log) }?;
     let tracker = format!("{} on the board", args.tracker.name());
+    let watch = args.view.as_ref().map(|at| Watch::open(at, &input, &tracker)).transpose()?;
+    let watch = watch.as_ref();
+    let fed = if log.dimension == 2 {
+        feed::<Planar>(args, log, watch)
+    } else {
+        feed::<Spatial>(args, log, watch)
+    }?;
     let title = input.title();
     let provenance = Provenance {
         title,
@@ -113,6 +136,9 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
     };
     let outcome = conclude(log, truth.as_ref(), fed.steps, provenance)
         .map_err(|e| Error::Input(format!("{name}: {e}")))?;
+    if let Some(watch) = watch {
+        watch.finish(&outcome);
+    }
     input.write(&outcome, &args.out)?;
     if args.json {
         let report = outcome.report.to_json().map_err(Error::failure)?;
@@ -129,7 +155,10 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
         say(outcome.report.to_string().trim_end());
         say(format!("results in {}", args.out.display()));
     }
-    Ok(())
+    match watch {
+        Some(watch) => watch.stay(),
+        None => Ok(()),
+    }
 }
 
 /// What came back.
@@ -140,14 +169,18 @@ struct Fed {
     text: String,
 }
 
-fn feed<S: Bridge + WireSpace>(args: &LiveArgs, log: &GraspLog) -> Result<Fed, Error> {
+fn feed<S: Bridge + WireSpace>(
+    args: &LiveArgs,
+    log: &GraspLog,
+    watch: Option<&Watch<'_>>,
+) -> Result<Fed, Error> {
     let file = args.record.as_deref().map(create).transpose()?;
     let result = connect(args, S::DIMENSION).and_then(|link| match &file {
-        None => converse::<S>(link, log, args),
+        None => converse::<S>(link, log, args, watch),
         Some(file) => {
             let header = Header::new(log.dimension, log.fingers.clone(), log.description.clone());
             let recorder = Recorder::new(link, file, &header).map_err(Error::failure)?;
-            converse::<S>(recorder, log, args)
+            converse::<S>(recorder, log, args, watch)
         }
     });
     if let (Err(_), Some(file), Some(path)) = (&result, &file, &args.record)
@@ -185,6 +218,7 @@ fn converse<S: Bridge + WireSpace>(
     link: impl Link,
     log: &GraspLog,
     args: &LiveArgs,
+    watch: Option<&Watch<'_>>,
 ) -> Result<Fed, Error> {
     let start = Instant::now();
     let session = Session::<S, _>::open(link, Patience::default()).map_err(Error::failure)?;
@@ -194,8 +228,19 @@ fn converse<S: Bridge + WireSpace>(
         let message = format!("--tracker {name}: the board was built with {:?}", hello.tracker);
         return Err(Error::Input(message));
     }
-    let outcome =
-        session.run(log, settings_for(log, args.seed), |_, _| ()).map_err(Error::failure)?;
+    let each = |number: usize, outcome: &GraspOutcome<S>| {
+        if let Some((watch, step)) = watch.zip(outcome.step()) {
+            watch.grasp(number, step);
+        }
+        if number + 1 < log.grasps.len() {
+            std::thread::sleep(args.pace);
+        }
+    };
+    let run = || session.run(log, settings_for(log, args.seed), each).map_err(Error::failure);
+    let outcome = match watch {
+        Some(watch) => watch.beside(run),
+        None => run(),
+    }?;
     let seconds = start.elapsed().as_secs_f64();
     Ok(Fed { steps: outcome.steps(), seconds, board: figures(&outcome), text: words(&outcome) })
 }
@@ -256,6 +301,14 @@ fn words<S: WireSpace>(outcome: &LogOutcome<S>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn paces_are_read_strictly() {
+        assert_eq!(pace("0.25"), Ok(Duration::from_millis(250)));
+        for bad in ["", "-1", "NaN", "inf", "1e9", "1s"] {
+            assert!(pace(bad).unwrap_err().contains("expected seconds"), "{bad}");
+        }
+    }
 
     #[test]
     fn ports_are_read_strictly() {

@@ -1,20 +1,27 @@
-//! `tactile replay`: a recording as a grasp log or a table.
+//! `tactile replay`: a recording or a grasp log as another file.
 
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
 use super::{Error, say};
+use crate::log::GraspLog;
 use crate::log::recording::Recording;
+use crate::log::replayed::Replayed;
 use crate::log::write::write_atomically;
+use crate::slam::output::true_shape;
+use crate::slam::replay;
+use crate::slam::track::Step;
+use crate::view::{html, mcap};
 
-/// Turn a recording back into a grasp log, or its estimates into a table
+/// Turn a recording into a moving scene for a browser, a grasp log, a table, or a file for Foxglove,
+/// Rerun and RViz
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:\n  tactile replay session.tac --to jsonl -o session.jsonl\n  tactile slam session.jsonl"
+    after_help = "Example:\n  tactile replay session.tac --to jsonl -o session.jsonl\n  tactile slam session.jsonl\n  tactile replay session.tac --to html -o session.html\n  tactile replay session.tac --to mcap -o session.mcap"
 )]
 pub struct ReplayArgs {
-    /// A recording (.tac)
+    /// A recording (.tac) or a grasp log (.jsonl)
     file: PathBuf,
     /// What to make of it
     #[arg(long, value_enum, default_value_t = Format::Jsonl)]
@@ -29,18 +36,82 @@ pub struct ReplayArgs {
 pub enum Format {
     /// Grasp log of what the board accepted, with its estimates in the field `estimate`
     Jsonl,
-    /// One line per estimate: pose, standard deviations, counts
+    /// One line per estimate: pose, standard deviations, counts (of a recording)
     Csv,
+    /// A moving scene in one page that any browser opens; what the file lacks is said there
+    Html,
+    /// ROS 2 messages: contacts, poses, the true shape; a grasp log has no estimates
+    Mcap,
 }
 
 /// Runs the subcommand.
 ///
 /// # Errors
-/// Not a recording, a recording without a grasp, or an unwritable output.
+/// Neither a recording nor a log, a recording without a grasp, or an unwritable output.
 pub fn run(args: &ReplayArgs) -> Result<(), Error> {
-    let recording = Recording::read(&args.file).map_err(Error::input)?;
+    if args.to == Format::Html {
+        // Says itself what is missing, and reads long recordings as they come.
+        return page(args);
+    }
+    let count = match is_log(&args.file) {
+        true => {
+            let log = GraspLog::read(&args.file).map_err(Error::input)?;
+            convert_log(&log, args)?;
+            log.grasps.len()
+        }
+        false => {
+            let replayed = read(&args.file)?;
+            convert_recording(&replayed, args)?;
+            replayed.log.grasps.len()
+        }
+    };
+    say(format!("{count} grasps in {}", args.output.display()));
+    Ok(())
+}
+
+fn is_log(file: &Path) -> bool {
+    file.extension().is_some_and(|e| e == "jsonl")
+}
+
+/// Most lines of a damaged log that are named on the page.
+const NAMED: usize = 6;
+
+/// A page shows what there is, and says what there is not.
+fn page(args: &ReplayArgs) -> Result<(), Error> {
+    let scene = if is_log(&args.file) {
+        let (log, left_out) = GraspLog::salvage(&args.file).map_err(Error::input)?;
+        let mut missing: Vec<String> =
+            left_out.iter().take(NAMED).map(|e| format!("Left out: {e}")).collect();
+        if left_out.len() > NAMED {
+            missing.push(format!("{} more lines are left out.", left_out.len() - NAMED));
+        }
+        if log.grasps.is_empty() {
+            missing.push("There is no whole grasp in the log.".into());
+        }
+        let truth = true_shape(&log).unwrap_or_else(|error| {
+            missing.push(format!("The true shape is left out: {error}"));
+            None
+        });
+        let name = args.file.file_name().unwrap_or_default().to_string_lossy();
+        let title = if log.description.is_empty() { &*name } else { &log.description };
+        replay::of_log(&log, title, truth.as_ref(), missing)
+    } else {
+        replay::of_recording(&args.file).map_err(Error::input)?
+    };
+    for missing in &scene.meta.missing {
+        eprintln!("warning: {}: {missing}", args.file.display());
+    }
+    write_atomically(&args.output, |out| html::write(&scene, out))
+        .map_err(|e| unwritable(&args.output, e))?;
+    let grasps: u64 = scene.grasps.iter().map(|g| g.merged).sum();
+    say(format!("{grasps} grasps in {}", args.output.display()));
+    Ok(())
+}
+
+fn read(file: &Path) -> Result<Replayed, Error> {
+    let recording = Recording::read(file).map_err(Error::input)?;
     let replayed = recording.replay();
-    let name = args.file.display();
+    let name = file.display();
     if replayed.log.grasps.is_empty() {
         return Err(Error::Input(format!("{name}: expected at least one whole grasp, found none")));
     }
@@ -52,15 +123,58 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
             eprintln!("warning: {name}: {count} {what}");
         }
     }
-    match args.to {
-        Format::Jsonl => replayed.log.write(&args.output).map_err(Error::input)?,
-        Format::Csv => table(&replayed, &args.output)?,
-    }
-    say(format!("{} grasps in {}", replayed.log.grasps.len(), args.output.display()));
-    Ok(())
+    Ok(replayed)
 }
 
-fn table(replayed: &crate::log::replayed::Replayed, path: &Path) -> Result<(), Error> {
-    write_atomically(path, |writer| replayed.write_csv(writer))
-        .map_err(|e| Error::Input(format!("{}: cannot write: {e}", path.display())))
+fn convert_recording(replayed: &Replayed, args: &ReplayArgs) -> Result<(), Error> {
+    let log = &replayed.log;
+    match args.to {
+        Format::Jsonl => log.write(&args.output).map_err(Error::input),
+        Format::Html => page(args),
+        Format::Csv => write_atomically(&args.output, |writer| replayed.write_csv(writer))
+            .map_err(|e| unwritable(&args.output, e)),
+        Format::Mcap => {
+            // An estimate without a pose is missing; the others carry the time of their grasp.
+            let mut estimates = replayed.estimates.iter().peekable();
+            let mut step = |time: Option<f64>| {
+                let own = estimates.next_if(|e| Some(e.time.as_secs_f64()) == time);
+                own.map(Step::from)
+            };
+            let steps: Vec<_> = log.grasps.iter().map(|g| step(g.time)).collect();
+            film(log, &steps, args)
+        }
+    }
+}
+
+fn convert_log(log: &GraspLog, args: &ReplayArgs) -> Result<(), Error> {
+    match args.to {
+        Format::Jsonl => log.write(&args.output).map_err(Error::input),
+        Format::Html => page(args),
+        Format::Csv => Err(Error::Input(format!(
+            "{}: expected a recording (.tac), found a grasp log: it has no estimates to tabulate",
+            args.file.display()
+        ))),
+        Format::Mcap => film(log, &[], args),
+    }
+}
+
+fn film(log: &GraspLog, steps: &[Option<Step>], args: &ReplayArgs) -> Result<(), Error> {
+    let name = args.file.display().to_string();
+    let truth = true_shape(log).unwrap_or_else(|error| {
+        eprintln!("warning: {name}: {error}; the true shape is left out");
+        None
+    });
+    let contents = mcap::Contents {
+        title: if log.description.is_empty() { &name } else { &log.description },
+        log,
+        steps,
+        shape: None,
+        truth: truth.as_ref(),
+        report: None,
+    };
+    mcap::write(&args.output, &contents).map_err(|e| unwritable(&args.output, e))
+}
+
+fn unwritable(path: &Path, error: std::io::Error) -> Error {
+    Error::Input(format!("{}: cannot write: {error}", path.display()))
 }

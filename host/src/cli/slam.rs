@@ -16,7 +16,8 @@ use crate::slam::{reconstruct, track};
 
 /// Reconstruct an object and its poses from a grasp log.
 ///
-/// Writes report.json, contour.csv (2D) or shape.ply (3D), trajectory.tum and summary.png.
+/// Writes report.json, contour.csv (2D) or shape.ply (3D), trajectory.tum, summary.png, replay.html (a
+/// moving scene for any browser) and replay.mcap (for Foxglove, Rerun and RViz).
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example:\n  tactile simulate --object ellipse:0.12x0.06 --seed 3 -o ellipse.jsonl\n  tactile slam ellipse.jsonl --out ellipse"
@@ -101,7 +102,7 @@ impl Input {
 
     /// Writes the results and says where a shape is missing.
     pub fn write(&self, outcome: &Outcome, out: &Path) -> Result<(), Error> {
-        outcome.write(out).map_err(Error::input)?;
+        outcome.write(out, &self.log, self.truth.as_ref()).map_err(Error::input)?;
         if outcome.is_empty() {
             eprintln!(
                 "warning: {}: no surface passes near a contact: the shape is empty",

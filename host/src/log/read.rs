@@ -94,7 +94,40 @@ impl GraspLog {
     ///
     /// # Errors
     /// As [`GraspLog::read`].
-    pub fn parse(mut reader: impl BufRead, name: &Path) -> Result<GraspLog, LogError> {
+    pub fn parse(reader: impl BufRead, name: &Path) -> Result<GraspLog, LogError> {
+        let log = GraspLog::lines(reader, name, &mut Err)?;
+        if log.grasps.is_empty() {
+            let problem = "has a header but no grasp; expected at least one".into();
+            return Err(LogError::Content { file: name.into(), problem });
+        }
+        Ok(log)
+    }
+
+    /// Reads what can be read of a damaged or unfinished log: lines that are not sound are left out,
+    /// and said. There may be no grasp left.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or its header is not sound.
+    pub fn salvage(path: &Path) -> Result<(GraspLog, Vec<LogError>), LogError> {
+        let file = File::open(path).map_err(|source| LogError::Io {
+            file: path.into(),
+            action: "read",
+            source,
+        })?;
+        let mut left_out = Vec::new();
+        let log = GraspLog::lines(BufReader::new(file), path, &mut |error| {
+            left_out.push(error);
+            Ok(())
+        })?;
+        Ok((log, left_out))
+    }
+
+    /// `refuse` decides about lines after the header that are not sound.
+    fn lines(
+        mut reader: impl BufRead,
+        name: &Path,
+        refuse: &mut dyn FnMut(LogError) -> Result<(), LogError>,
+    ) -> Result<GraspLog, LogError> {
         let mut log: Option<GraspLog> = None;
         let mut bytes = Vec::new();
         let mut number = 0;
@@ -110,21 +143,21 @@ impl GraspLog {
                 break;
             }
             let line = Line { file: name, number };
-            let Some(object) = line.object(&bytes)? else { continue };
-            match &mut log {
-                None => log = Some(header(line, object)?),
-                Some(log) => {
-                    let grasp = grasp(line, object, log)?;
-                    log.grasps.push(grasp);
-                }
+            match (line.object(&bytes), &mut log) {
+                (Ok(None), _) => {}
+                (Ok(Some(object)), None) => log = Some(header(line, object)?),
+                (Ok(Some(object)), Some(log)) => match grasp(line, object, log) {
+                    Ok(grasp) => log.grasps.push(grasp),
+                    Err(error) => refuse(error)?,
+                },
+                (Err(error), None) => return Err(error),
+                (Err(error), Some(_)) => refuse(error)?,
             }
         }
-        let problem = match log {
-            Some(log) if !log.grasps.is_empty() => return Ok(log),
-            Some(_) => "has a header but no grasp; expected at least one",
-            None => "is empty; expected a header line and one line per grasp",
-        };
-        Err(LogError::Content { file: name.into(), problem: problem.into() })
+        log.ok_or_else(|| LogError::Content {
+            file: name.into(),
+            problem: "is empty; expected a header line and one line per grasp".into(),
+        })
     }
 }
 

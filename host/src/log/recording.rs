@@ -14,7 +14,8 @@
 //! reports and skips a torn last piece, and any damaged one. The pieces of one direction, joined,
 //! are the link's bytes exactly, damaged frames included.
 
-use std::io::{self, Write};
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -190,9 +191,10 @@ impl Recording {
     /// # Errors
     /// When it cannot be read or does not start with a whole header of this version.
     pub fn read(path: &Path) -> Result<Self, RecordingError> {
-        let bytes = std::fs::read(path)
-            .map_err(|source| RecordingError::Read { file: path.into(), source })?;
-        Self::parse(&bytes).map_err(|problem| RecordingError::Header { file: path.into(), problem })
+        let mut pieces = Pieces::open(path)?;
+        let all: Result<Vec<Piece>, _> = pieces.by_ref().collect();
+        let all = all.map_err(|source| RecordingError::Read { file: path.into(), source })?;
+        Ok(pieces.with(all))
     }
 
     /// Reads the bytes of a file; the error says what is wrong with the header.
@@ -200,35 +202,101 @@ impl Recording {
     /// # Errors
     /// When they do not start with a whole header of this version.
     pub fn parse(bytes: &[u8]) -> Result<Self, String> {
-        let (mut header, mut pieces, mut torn, mut damaged) = (None, Vec::new(), 0, 0);
-        for sealed in bytes.split_inclusive(|&b| b == 0) {
-            let Some((0, body)) = sealed.split_last() else {
-                torn = sealed.len();
-                break;
-            };
-            let mut body = body.to_vec();
-            let content = unseal(&mut body).ok().and_then(<[u8]>::split_first);
-            match (content, &header) {
-                (Some((0, content)), None) => header = Some(Header::from_json(content)?),
-                (_, None) => return Err("it does not start with a header".into()),
-                (Some((&kind @ 1..=2, rest)), Some(_)) if rest.len() >= 8 => {
+        let mut pieces = Pieces::new(bytes).map_err(|e| e.to_string())??;
+        let all: Result<Vec<Piece>, _> = pieces.by_ref().collect();
+        Ok(pieces.with(all.map_err(|e| e.to_string())?))
+    }
+}
+
+/// Most bytes of a sealed piece: far above what a link hands over at once.
+const LONGEST: u64 = 1 << 24;
+
+/// The pieces of a recording one after the other, so that a long one needs little memory. Damaged ones
+/// are skipped and counted.
+#[derive(Debug)]
+pub struct Pieces<R> {
+    /// What the recording is of.
+    pub header: Header,
+    /// Bytes of an unfinished last piece, once the end was reached.
+    pub torn: usize,
+    /// Pieces so far that could not be read.
+    pub damaged: usize,
+    reader: R,
+    sealed: Vec<u8>,
+}
+
+impl Pieces<BufReader<File>> {
+    /// Opens a file and reads its header.
+    ///
+    /// # Errors
+    /// When it cannot be read or does not start with a whole header of this version.
+    pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        let unreadable = |source| RecordingError::Read { file: path.into(), source };
+        let file = File::open(path).map_err(unreadable)?;
+        let pieces = Pieces::new(BufReader::with_capacity(1 << 16, file)).map_err(unreadable)?;
+        pieces.map_err(|problem| RecordingError::Header { file: path.into(), problem })
+    }
+}
+
+impl<R: BufRead> Pieces<R> {
+    /// Reads the header; the inner error says what is wrong with it.
+    ///
+    /// # Errors
+    /// When the reader fails.
+    pub fn new(mut reader: R) -> io::Result<Result<Self, String>> {
+        let mut sealed = Vec::new();
+        reader.by_ref().take(LONGEST).read_until(0, &mut sealed)?;
+        let header = match sealed.split_last() {
+            None => Err("it is empty".into()),
+            Some((0, body)) => {
+                match unseal(&mut body.to_vec()).ok().and_then(<[u8]>::split_first) {
+                    Some((0, content)) => Header::from_json(content),
+                    _ => Err("it does not start with a header".into()),
+                }
+            }
+            Some(_) if sealed.len() as u64 == LONGEST => {
+                Err("it does not start with a header".into())
+            }
+            Some(_) => Err("it ends within its header".into()),
+        };
+        Ok(header.map(|header| Pieces { header, torn: 0, damaged: 0, reader, sealed }))
+    }
+
+    fn with(self, pieces: Vec<Piece>) -> Recording {
+        Recording { header: self.header, pieces, torn: self.torn, damaged: self.damaged }
+    }
+}
+
+impl<R: BufRead> Iterator for Pieces<R> {
+    type Item = io::Result<Piece>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            self.sealed.clear();
+            match self.reader.by_ref().take(LONGEST).read_until(0, &mut self.sealed) {
+                Err(error) => return Some(Err(error)),
+                Ok(0) => return None,
+                Ok(_) => {}
+            }
+            let whole = self.sealed.pop_if(|last| *last == 0).is_some();
+            if !whole && self.sealed.len() as u64 != LONGEST {
+                self.torn = self.sealed.len();
+                return None;
+            }
+            let content = unseal(&mut self.sealed).ok().and_then(<[u8]>::split_first);
+            match content {
+                Some((&kind @ 1..=2, rest)) if whole && rest.len() >= 8 => {
                     let (time, bytes) = rest.split_at(8);
                     let time = time.iter().rev().fold(0, |t, &b| t << 8 | u64::from(b));
-                    pieces.push(Piece {
+                    return Some(Ok(Piece {
                         time: Duration::from_micros(time),
                         way: if kind == 1 { Direction::FromBoard } else { Direction::ToBoard },
                         bytes: bytes.to_vec(),
-                    });
+                    }));
                 }
-                _ => damaged += 1,
+                _ => self.damaged += 1,
             }
         }
-        let header = header.ok_or(if bytes.is_empty() {
-            "it is empty"
-        } else {
-            "it ends within its header"
-        })?;
-        Ok(Recording { header, pieces, torn, damaged })
     }
 }
 

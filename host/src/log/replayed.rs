@@ -1,5 +1,6 @@
 //! What a recording tells: the grasps that were sent, and what the board made of them.
 
+use std::borrow::Borrow;
 use std::io::{self, Write};
 use std::time::Duration;
 
@@ -11,7 +12,7 @@ use tactile_core::wire::{
     Settings, WireSpace,
 };
 
-use super::recording::{Direction, Recording};
+use super::recording::{Direction, Header, Piece, Recording};
 use super::{GraspLog, LoggedContact, LoggedFree, LoggedGrasp, Noise};
 use crate::space::{self, Bridge, Point, Pose};
 
@@ -65,19 +66,87 @@ pub struct RecordedEstimate {
 impl Recording {
     /// Decodes both directions and pairs commands with replies.
     pub fn replay(&self) -> Replayed {
-        match self.header.dimension {
-            2 => replay::<Planar>(self),
-            _ => replay::<Spatial>(self),
-        }
+        let header = &self.header;
+        let mut log = GraspLog {
+            dimension: header.dimension,
+            description: header.description.clone(),
+            fingers: header.fingers.clone(),
+            noise: Noise::default(),
+            shape: None,
+            grasps: Vec::new(),
+            unknown: Map::new(),
+        };
+        let mut estimates = Vec::new();
+        let rest = listen(header, &mut self.pieces.iter(), &mut |heard| match heard {
+            Heard::Forgotten => {
+                log.grasps.clear();
+                estimates.clear();
+            }
+            Heard::Grasp(mut grasp, estimate) => {
+                if let Some(estimate) = estimate {
+                    grasp.unknown.insert("estimate".into(), estimate.to_json(header.dimension));
+                    estimates.push(estimate);
+                }
+                log.grasps.push(grasp);
+            }
+        });
+        let Rest { noise, hello, health, from_board, to_board, refused, duration } = rest;
+        log.noise = noise;
+        Replayed { log, estimates, hello, health, from_board, to_board, refused, duration }
+    }
+}
+
+/// What a recording tells one after the other.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Heard {
+    /// The board was told to begin anew: what came before is of another object.
+    Forgotten,
+    /// A grasp that the board accepted, and what it made of it.
+    Grasp(LoggedGrasp, Option<RecordedEstimate>),
+}
+
+/// What a recording tells besides.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rest {
+    /// As the board was last told.
+    pub noise: Noise,
+    /// Who answered.
+    pub hello: Option<Hello>,
+    /// What the board said last about itself.
+    pub health: Option<Health>,
+    /// Frames from the board.
+    pub from_board: Counters,
+    /// Frames to the board; those sent again count as doubled.
+    pub to_board: Counters,
+    /// Commands the board refused.
+    pub refused: usize,
+    /// Time of the last piece.
+    pub duration: Duration,
+}
+
+/// Decodes both directions, pairs commands with replies, and tells `hear` of every grasp as it comes
+/// about: for recordings that are too long to be held at once.
+pub fn listen<P: Borrow<Piece>>(
+    header: &Header,
+    pieces: &mut dyn Iterator<Item = P>,
+    hear: &mut dyn FnMut(Heard),
+) -> Rest {
+    match header.dimension {
+        2 => listen_in::<Planar, P>(header, pieces, hear),
+        _ => listen_in::<Spatial, P>(header, pieces, hear),
     }
 }
 
 /// The commands of the grasp that is being collected.
-struct Collector<S: WireSpace> {
-    replayed: Replayed,
+struct Collector<'a, S: WireSpace> {
+    hear: &'a mut dyn FnMut(Heard),
+    rest: Rest,
+    fingers: usize,
     settings: Settings,
     grasp: LoggedGrasp,
     estimate: Option<EstimateFrame<S>>,
+    /// The last grasp, whose other answers may yet come.
+    done: Option<(LoggedGrasp, Option<RecordedEstimate>)>,
 }
 
 /// The number with the fewest digits that is still this `f32`, so that 0.001 stays 0.001.
@@ -101,36 +170,34 @@ fn empty_grasp(index: u64) -> LoggedGrasp {
     }
 }
 
-fn replay<S: Bridge + WireSpace>(recording: &Recording) -> Replayed {
-    let header = &recording.header;
-    let log = GraspLog {
-        dimension: header.dimension,
-        description: header.description.clone(),
-        fingers: header.fingers.clone(),
-        noise: Noise::default(),
-        shape: None,
-        grasps: Vec::new(),
-        unknown: Map::new(),
-    };
+fn listen_in<S: Bridge + WireSpace, P: Borrow<Piece>>(
+    header: &Header,
+    pieces: &mut dyn Iterator<Item = P>,
+    hear: &mut dyn FnMut(Heard),
+) -> Rest {
     let mut collector = Collector::<S> {
-        replayed: Replayed {
-            log,
-            estimates: Vec::new(),
+        hear,
+        rest: Rest {
+            noise: Noise::default(),
             hello: None,
             health: None,
             from_board: Counters::NONE,
             to_board: Counters::NONE,
             refused: 0,
-            duration: recording.pieces.last().map_or(Duration::ZERO, |p| p.time),
+            duration: Duration::ZERO,
         },
+        fingers: header.fingers.len(),
         settings: Settings::DEFAULT,
         grasp: empty_grasp(0),
         estimate: None,
+        done: None,
     };
     let mut to_board = Decoder::<Command<S>>::new();
     let mut from_board = Decoder::<Report<S>>::new();
     let mut pending: Option<(u8, Command<S>)> = None;
-    for piece in &recording.pieces {
+    for piece in pieces {
+        let piece: &Piece = piece.borrow();
+        collector.rest.duration = piece.time;
         for &byte in &piece.bytes {
             match piece.way {
                 Direction::ToBoard => {
@@ -142,8 +209,8 @@ fn replay<S: Bridge + WireSpace>(recording: &Recording) -> Replayed {
                 Direction::FromBoard => {
                     let Some(Ok(received)) = from_board.push(byte) else { continue };
                     match received.frame.message {
-                        Report::Hello(hello) => collector.replayed.hello = Some(hello),
-                        Report::Health(health) => collector.replayed.health = Some(health),
+                        Report::Hello(hello) => collector.rest.hello = Some(hello),
+                        Report::Health(health) => collector.rest.health = Some(health),
                         Report::Estimate(estimate) => collector.estimate = Some(estimate),
                         Report::Mode(frame) => collector.mode(&frame),
                         Report::Face(_) => {}
@@ -153,7 +220,7 @@ fn replay<S: Bridge + WireSpace>(recording: &Recording) -> Replayed {
                                 Some((_, command)) if reply.refusal.is_none() => {
                                     collector.obeyed(command, piece.time);
                                 }
-                                Some(_) => collector.replayed.refused += 1,
+                                Some(_) => collector.rest.refused += 1,
                                 None => {}
                             }
                         }
@@ -162,18 +229,19 @@ fn replay<S: Bridge + WireSpace>(recording: &Recording) -> Replayed {
             }
         }
     }
-    collector.replayed.to_board = *to_board.counters();
-    collector.replayed.from_board = *from_board.counters();
-    collector.replayed
+    collector.tell();
+    collector.rest.to_board = *to_board.counters();
+    collector.rest.from_board = *from_board.counters();
+    collector.rest
 }
 
-impl<S: Bridge + WireSpace> Collector<S> {
+impl<S: Bridge + WireSpace> Collector<'_, S> {
     fn obeyed(&mut self, command: Command<S>, time: Duration) {
         match command {
             Command::Hello { .. } | Command::Ping | Command::Query(_) => {}
             Command::Configure(settings) => {
                 self.settings = settings;
-                self.replayed.log.noise = Noise {
+                self.rest.noise = Noise {
                     point: Some(shortest(settings.point)),
                     normal: Some(shortest(settings.normal)),
                     translation: Some(shortest(settings.translation)),
@@ -212,51 +280,52 @@ impl<S: Bridge + WireSpace> Collector<S> {
 
     /// One of the answers of the last estimate.
     fn mode(&mut self, frame: &ModeFrame<S>) {
-        let Replayed { log, estimates, .. } = &mut self.replayed;
-        if let (Some(mode), Some(estimate), Some(grasp)) =
-            (frame.mode(), estimates.last_mut(), log.grasps.last_mut())
+        if let (Some(mode), Some((_, Some(estimate)))) = (frame.mode(), &mut self.done)
             && estimate.modes.len() == usize::from(frame.number)
         {
             estimate.modes.push((S::isometry(&mode.pose), mode.weight));
-            grasp.unknown.insert("estimate".into(), estimate.to_json(S::DIMENSION));
         }
     }
 
     /// An index only where the log can name it.
     fn finger(&self, finger: u8) -> Option<usize> {
-        Some(usize::from(finger)).filter(|&f| f < self.replayed.log.fingers.len())
+        Some(usize::from(finger)).filter(|&f| f < self.fingers)
     }
 
     /// A board that forgets starts a new log: the last object is what a recording is of.
     fn forget(&mut self) {
-        self.replayed.log.grasps.clear();
-        self.replayed.estimates.clear();
         self.grasp = empty_grasp(0);
         self.estimate = None;
+        self.done = None;
+        (self.hear)(Heard::Forgotten);
+    }
+
+    /// Nothing more will come about the last grasp.
+    fn tell(&mut self) {
+        if let Some((grasp, estimate)) = self.done.take() {
+            (self.hear)(Heard::Grasp(grasp, estimate));
+        }
     }
 
     fn commit(&mut self, time: Duration) {
+        self.tell();
         let next = self.grasp.index + 1;
         let mut grasp = std::mem::replace(&mut self.grasp, empty_grasp(next));
         grasp.time = Some(time.as_secs_f64());
         let Some(estimate) = self.estimate.take() else { return };
-        if let Some(pose) = estimate.pose() {
-            let recorded = RecordedEstimate {
-                time,
-                grasp: estimate.grasp,
-                pose: S::isometry(&pose),
-                status: estimate.status(),
-                modes: Vec::new(),
-                deviations: AsRef::<[f32]>::as_ref(&estimate.deviations).to_vec(),
-                effective_particles: estimate.effective_particles,
-                contacts: [estimate.contacts, estimate.rejected, estimate.dropped],
-                corrected: estimate.corrected(),
-                resampled: estimate.resampled(),
-            };
-            grasp.unknown.insert("estimate".into(), recorded.to_json(S::DIMENSION));
-            self.replayed.estimates.push(recorded);
-        }
-        self.replayed.log.grasps.push(grasp);
+        let recorded = estimate.pose().map(|pose| RecordedEstimate {
+            time,
+            grasp: estimate.grasp,
+            pose: S::isometry(&pose),
+            status: estimate.status(),
+            modes: Vec::new(),
+            deviations: AsRef::<[f32]>::as_ref(&estimate.deviations).to_vec(),
+            effective_particles: estimate.effective_particles,
+            contacts: [estimate.contacts, estimate.rejected, estimate.dropped],
+            corrected: estimate.corrected(),
+            resampled: estimate.resampled(),
+        });
+        self.done = Some((grasp, recorded));
     }
 }
 

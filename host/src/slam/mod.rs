@@ -2,13 +2,15 @@
 //!
 //! [`track`] follows the object with one of the core's [`trackers`] (or takes the log's true poses),
 //! [`reconstruct`] builds the surface that [`choose`] finds fit from all contacts at those poses, and
-//! [`output`] evaluates and writes what a reader wants: report, shape, trajectory and picture.
+//! [`output`] evaluates and writes what a reader wants: report, shape, trajectory and picture,
+//! [`replay`] makes a scene that plays.
 
 pub mod choose;
 pub mod fit;
 pub mod free;
 pub mod output;
 pub mod reconstruct;
+pub mod replay;
 pub mod track;
 pub mod trackers;
 

@@ -9,10 +9,11 @@ use crate::shape::files::{self, FileError};
 use crate::shape::{Geometry, Outline, ShapeError, metrics};
 use crate::slam::choose::Choice;
 use crate::slam::reconstruct::{self, Progress, Reconstruction, reconstruct};
+use crate::slam::replay;
 use crate::slam::track::Step;
 use crate::view::report::{JudgedGrasp, Report, Run, gauge, pose_errors};
 use crate::view::summary::{self, Summary};
-use crate::view::trajectory;
+use crate::view::{html, mcap, trajectory};
 
 /// The true shape of a log cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -207,7 +208,15 @@ pub fn check_folder(folder: &Path) -> Result<(), WriteError> {
     {
         return refuse(above, "expected a folder for the results, found a file");
     }
-    for name in ["contour.csv", "shape.ply", "trajectory.tum", "summary.png", "report.json"] {
+    for name in [
+        "contour.csv",
+        "shape.ply",
+        "trajectory.tum",
+        "replay.mcap",
+        "replay.html",
+        "summary.png",
+        "report.json",
+    ] {
         let path = folder.join(name);
         if path.is_dir() {
             return refuse(&path, "expected a file or nothing, found a folder");
@@ -222,15 +231,31 @@ impl Outcome {
         metrics::is_empty(&self.reconstruction.geometry)
     }
 
-    /// Writes `report.json`, `contour.csv` or `shape.ply`, `trajectory.tum` and `summary.png` into
-    /// `folder`, which is made if need be. Everything is computed before the first file appears, and
-    /// each file appears whole.
+    /// The headline.
+    pub fn title(&self) -> &str {
+        &self.summary.title
+    }
+
+    /// Key figures as name and value with unit.
+    pub fn figures(&self) -> Vec<(String, String)> {
+        self.summary.figures.clone()
+    }
+
+    /// Writes `report.json`, `contour.csv` or `shape.ply`, `trajectory.tum`, `replay.mcap`,
+    /// `replay.html` and `summary.png` into `folder`, which is made if need be. Everything is computed before the first
+    /// file appears, and each file appears whole. `log` and `truth` are those it was concluded from.
     ///
     /// # Errors
     /// Names the file that could not be written.
-    pub fn write(&self, folder: &Path) -> Result<(), WriteError> {
+    pub fn write(
+        &self,
+        folder: &Path,
+        log: &GraspLog,
+        truth: Option<&Geometry>,
+    ) -> Result<(), WriteError> {
         let picture = summary::render(&self.summary)
             .map_err(|e| WriteError::at(&folder.join("summary.png"))(io::Error::other(e)))?;
+        let scene = replay::of_run(log, self, truth);
         std::fs::create_dir_all(folder).map_err(WriteError::at(folder))?;
 
         let shape = folder.join(match self.reconstruction.geometry {
@@ -249,6 +274,20 @@ impl Outcome {
         let path = folder.join("trajectory.tum");
         let poses: Vec<_> = self.steps.iter().map(|s| s.pose).collect();
         trajectory::write_tum(&path, &self.times, &poses).map_err(WriteError::at(&path))?;
+        let path = folder.join("replay.mcap");
+        let steps: Vec<_> = self.steps.iter().cloned().map(Some).collect();
+        let contents = mcap::Contents {
+            title: &self.summary.title,
+            log,
+            steps: &steps,
+            shape: Some((&self.reconstruction.geometry, &self.reconstruction.deviations)),
+            truth,
+            report: Some(&self.report),
+        };
+        mcap::write(&path, &contents).map_err(WriteError::at(&path))?;
+        let path = folder.join("replay.html");
+        crate::log::write::write_atomically(&path, |out| html::write(&scene, out))
+            .map_err(WriteError::at(&path))?;
         let path = folder.join("summary.png");
         crate::log::write::write_atomically(&path, |out| out.write_all(&picture))
             .map_err(WriteError::at(&path))?;

@@ -195,7 +195,7 @@ pub fn free(log: &GraspLog, steps: &[Step]) -> Vec<Free> {
 }
 
 /// At most `most` contacts, taken evenly from all in their order.
-fn evenly(contacts: &[Contact], most: usize) -> Vec<Contact> {
+pub fn evenly(contacts: &[Contact], most: usize) -> Vec<Contact> {
     contacts.iter().step_by(contacts.len().div_ceil(most).max(1)).copied().collect()
 }
 
@@ -208,12 +208,25 @@ pub fn extract(
     field: &dyn Field,
     contacts: &[Contact],
 ) -> Result<(Geometry, Vec<f64>), Error> {
+    let cells = if dimension == 2 { PLANAR_CELLS } else { SPATIAL_CELLS };
+    extract_at(dimension, field, contacts, cells)
+}
+
+/// As [`extract`], with so many lattice cells across the contacts' bounding box.
+///
+/// # Errors
+/// As [`extract`].
+pub fn extract_at(
+    dimension: usize,
+    field: &dyn Field,
+    contacts: &[Contact],
+    cells: f64,
+) -> Result<(Geometry, Vec<f64>), Error> {
     let points: Vec<Point> = contacts.iter().map(|c| c.point).collect();
     let Some(&first) = points.first() else { return Err(Error::NoContacts) };
     let low = points.iter().fold(first, |low, p| low.inf(p));
     let high = points.iter().fold(first, |high, p| high.sup(p));
     let size = (high - low).amax().max(0.01);
-    let cells = if dimension == 2 { PLANAR_CELLS } else { SPATIAL_CELLS };
     let voters: Vec<Point> = evenly(contacts, VOTING).iter().map(|c| c.point).collect();
     let mut margin = 0.3 * size;
     loop {

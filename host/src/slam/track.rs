@@ -5,6 +5,7 @@ use tactile_core::contact::{Contact, FreePoint, GraspView};
 use tactile_core::matrix::Square;
 use tactile_core::track::{Estimate, MotionNoise, Settings, Status, Tracker};
 
+use crate::log::replayed::RecordedEstimate;
 use crate::log::{GraspLog, LoggedGrasp, Noise};
 use crate::slam::deviations;
 use crate::space::{Bridge, Pose};
@@ -68,9 +69,34 @@ impl Step {
     }
 }
 
+impl From<&RecordedEstimate> for Step {
+    /// From what a recording tells: of the covariance only its diagonal, of the directions seen none.
+    fn from(recorded: &RecordedEstimate) -> Self {
+        let axes: &[usize] = if recorded.deviations.len() == 3 { &PLANAR } else { &SPATIAL };
+        let mut covariance = Matrix6::zeros();
+        for (&axis, &deviation) in axes.iter().zip(&recorded.deviations) {
+            covariance[(axis, axis)] = f64::from(deviation).powi(2);
+        }
+        Step {
+            pose: recorded.pose,
+            covariance,
+            status: recorded.status,
+            modes: recorded.modes.iter().map(|(p, w)| (*p, f64::from(*w))).collect(),
+            effective_particles: f64::from(recorded.effective_particles),
+            corrected: recorded.corrected,
+            observed: 0,
+            contacts: recorded.contacts.map(usize::from),
+        }
+    }
+}
+
+/// The axes of [`Step::covariance`] that a dimension has.
+const PLANAR: [usize; 3] = [0, 1, 5];
+const SPATIAL: [usize; 6] = [0, 1, 2, 3, 4, 5];
+
 /// A core covariance in the axes of [`Step::covariance`].
 pub fn six_by_six<S: Bridge>(core: &S::Covariance) -> Matrix6<f64> {
-    let axes: &[usize] = if S::DIMENSION == 2 { &[0, 1, 5] } else { &[0, 1, 2, 3, 4, 5] };
+    let axes: &[usize] = if S::DIMENSION == 2 { &PLANAR } else { &SPATIAL };
     let mut covariance = Matrix6::zeros();
     for (i, &row) in axes.iter().enumerate() {
         for (j, &column) in axes.iter().enumerate() {

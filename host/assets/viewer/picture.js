@@ -1,0 +1,410 @@
+// What is to be seen of a scene at one moment, as a list of meshes, lines and points.
+
+const LAYERS = {
+  surface: "Estimated surface",
+  contacts: "Contacts",
+  truth: "True shape",
+  alternatives: "Other poses held possible",
+  path: "Path of the object",
+  doubt: "Position ± 2 standard deviations",
+  free: "Fingertips on nothing",
+};
+
+// Edges between faces that turn by more than this are drawn on true shapes; corners of faces that turn
+// by less are smoothed. Cosines.
+const SHARP = Math.cos(0.5);
+
+class Picture {
+  constructor(scene) {
+    this.scene = scene;
+    this.made = new WeakMap();
+    this.shown = Object.fromEntries(Object.keys(LAYERS).map((name) => [name, true]));
+    this.riding = false;
+  }
+
+  // Which layers there is anything of.
+  present() {
+    const { scene } = this;
+    return {
+      surface: scene.surfaces.length > 0,
+      contacts: scene.contacts.count > 0,
+      truth: scene.truth !== null && scene.grasps.some((g) => g.truth),
+      alternatives: scene.grasps.some((g) => g.modes.length > 1),
+      path: scene.grasps.filter((g) => g.pose || g.truth).length > 1,
+      doubt: scene.grasps.some((g) => g.deviations),
+      free: scene.grasps.some((g) => g.free.length > 0),
+    };
+  }
+
+  flat() {
+    return this.scene.meta?.dimension === 2;
+  }
+
+  // Between the grasps the object moves on, in the second half of the time.
+  poseAt(time, which) {
+    const { grasps } = this.scene;
+    const at = Math.min(Math.floor(time), grasps.length - 1);
+    const [now, next] = [grasps[at]?.[which], grasps[at + 1]?.[which]];
+    const share = Math.min(Math.max(2 * (time - at) - 1, 0), 1);
+    if (!now || !next || share === 0) return now ?? null;
+    return Pose.between(now, next, share * share * (3 - 2 * share));
+  }
+
+  list(time) {
+    const { scene, shown } = this;
+    const { grasps } = scene;
+    if (!scene.meta || !grasps.length) return [];
+    const at = Math.min(Math.floor(time), grasps.length - 1);
+    const grasp = grasps[at];
+    const place = this.poseAt(time, "place");
+    const base = this.riding ? Pose.identity : place;
+    const toView = this.riding ? Pose.inverse(place) : Pose.identity;
+    const model = Pose.matrix(base);
+    const resting = time - at <= 0.5;
+    const surface = scene.surfaceAt(at);
+    const { middle } = this.extent();
+    const list = [];
+
+    if (!this.riding || this.flat()) list.push(this.grid());
+    if (shown.surface && surface) list.push(...this.surface(surface, model));
+    const truth = this.poseAt(time, "truth");
+    if (shown.truth && scene.truth && truth) list.push(...this.truth(Pose.matrix(Pose.compose(toView, truth))));
+    if (shown.path && !this.riding) list.push(...this.path(at, middle));
+    if (shown.contacts) {
+      list.push(this.spikes(grasp, model));
+      const many = scene.contacts.count > 400;
+      list.push({
+        kind: "points", points: scene.contacts, count: grasp.end, model, radius: many ? 2.6 : 4.6,
+        grown: many ? 5.5 : 7.5, now: at, last: Math.max(grasps.length - 1, 1),
+      });
+    }
+    if (shown.free && grasp.free.length) list.push(this.free(grasp, model));
+    if (shown.alternatives && resting) {
+      for (const mode of grasp.modes.slice(1, 6)) {
+        list.push(...this.ghost(surface, Pose.matrix(Pose.compose(toView, mode.pose)), mode.weight));
+      }
+    }
+    if (shown.doubt && grasp.deviations && resting) list.push(...this.doubt(grasp, model, middle));
+    // A flat scene is drawn in the order of the list; in space what is seen through comes last.
+    if (this.flat()) return list.map((item) => ({ ...item, onTop: true }));
+    return [...list.filter((item) => !item.ghost), ...list.filter((item) => item.ghost)];
+  }
+
+  extent() {
+    return this.keep(this, `extent ${this.scene.version}`, () => this.scene.extent());
+  }
+
+  // Middle of everything, half its size along each axis, and how far it reaches, metres, in the frame
+  // that is shown.
+  bounds() {
+    return this.keep(this, `bounds ${this.scene.version}${this.riding}`, () => {
+      const { grasps, gauge, contacts } = this.scene;
+      const every = (list, most) => list.filter((_, i) => i % Math.ceil(list.length / most) === 0);
+      const surface = this.scene.surfaces[this.scene.surfaces.length - 1];
+      const [numbers, stride] = surface ? [surface.vertices, 3] : [contacts.data.subarray(0, 6 * contacts.count), 6];
+      const own = every(Array.from({ length: numbers.length / stride }, (_, i) => numbers.subarray(stride * i, stride * i + 3)), 200);
+      const { middle, reach } = this.extent();
+      if (!own.length) own.push(middle);
+      const truth = (g) => (g.truth && gauge ? [Pose.compose(g.truth, Pose.inverse(gauge))] : []);
+      const places = this.riding ? [Pose.identity] : every(grasps.flatMap((g) => [g.place, ...truth(g)]), 300);
+      const points = places.flatMap((place) => own.map((point) => Pose.apply(place, point)));
+      const box = points.length ? boxOf(points.flat(), 3, points.length) : null;
+      if (!box) return { middle, half: [reach, reach, reach], reach };
+      const centre = Vector.scale(Vector.add(box.low, box.high), 0.5);
+      const half = Vector.subtract(box.high, centre).map((h) => Math.max(1.08 * h, 0.2 * reach));
+      return { middle: centre, half, reach: Math.hypot(...half) };
+    });
+  }
+
+  // `make` once for `key`, and again when `version` is another.
+  keep(key, version, make) {
+    let kept = this.made.get(key);
+    if (!kept) this.made.set(key, (kept = new Map()));
+    const name = String(version).split(" ")[0];
+    if (kept.get(name)?.version !== version) kept.set(name, { version, value: make() });
+    return kept.get(name).value;
+  }
+
+  surface(surface, model) {
+    const scaleEnd = this.keep(this, `end ${this.scene.version}`, () => this.scene.scaleEnd());
+    if (!this.flat()) {
+      const mesh = this.keep(surface, "mesh", () => meshOf(surface.vertices, surface.triangles, surface.deviations));
+      return [{ kind: "mesh", mesh, model, scaleEnd }];
+    }
+    const band = this.keep(surface, "band", () => bandOf(surface));
+    const shades = (i) => Colour.uncertainty(surface.deviations[i] < 0 ? -1 : surface.deviations[i] / scaleEnd);
+    const lines = this.keep(surface, `outline ${scaleEnd}`, () => outlineOf(surface, shades));
+    return [
+      { kind: "mesh", mesh: band, model, scaleEnd, lit: 0, opacity: 0.33, ghost: true, both: true },
+      { kind: "lines", lines, model, width: 4 },
+    ];
+  }
+
+  truth(model) {
+    const ink = Colour.rgb(Colour.themed("truth"));
+    const theme = Colour.themed("truth");
+    if (this.flat()) {
+      const lines = this.keep(this.scene.truth, `outline ${theme}`, () => outlineOf(this.scene.truth, () => ink));
+      return [{ kind: "lines", lines, model, width: 1.5 }];
+    }
+    const mesh = this.keep(this.scene.truth, "mesh", () => meshOf(this.scene.truth.vertices, this.scene.truth.triangles, null));
+    const lines = this.keep(this.scene.truth, `edges ${theme}`, () => edgesOf(this.scene.truth, ink));
+    return [
+      { kind: "mesh", mesh, model, tint: ink, opacity: 0.5, rim: 1, lit: 0, ghost: true },
+      { kind: "lines", lines, model, width: 1.5, opacity: 0.9 },
+      { kind: "lines", lines, model, width: 1, opacity: 0.22, onTop: true, ghost: true },
+    ];
+  }
+
+  // The surface, or a cross of axes, at a pose that is held possible.
+  ghost(surface, model, weight) {
+    const tint = Colour.rgb(Colour.themed("second"));
+    const opacity = 0.25 + 0.5 * Math.min(weight, 1);
+    if (!surface) return [{ kind: "lines", lines: this.keep(this, `axes ${this.scene.version}`, () => axesOf(this.extent())), model, width: 2, opacity, ghost: true }];
+    if (this.flat()) {
+      const theme = Colour.themed("second");
+      const lines = this.keep(surface, `ghost ${theme}`, () => outlineOf(surface, () => tint));
+      return [{ kind: "lines", lines, model, width: 1.5, opacity, ghost: true }];
+    }
+    const mesh = this.keep(surface, "mesh", () => meshOf(surface.vertices, surface.triangles, surface.deviations));
+    return [{ kind: "mesh", mesh, model, tint, opacity: 0.8 * opacity, rim: 1, lit: 0, ghost: true }];
+  }
+
+  path(at, middle) {
+    const theme = Colour.themed("estimate") + Colour.themed("truth");
+    const version = `${this.scene.version}${theme}`;
+    const { grasps, gauge } = this.scene;
+    const centre = (pose) => Pose.apply(pose, middle);
+    const estimated = this.keep(this.scene, `path ${version}`, () =>
+      polyline(grasps.map((g) => g.pose && centre(g.pose)), Colour.rgb(Colour.themed("estimate"))));
+    const onTruth = (g) => g.truth && centre(gauge ? Pose.compose(g.truth, Pose.inverse(gauge)) : g.truth);
+    const truth = this.keep(this.scene, `way ${version}`, () =>
+      polyline(grasps.map(onTruth), Colour.rgb(Colour.themed("truth"))));
+    const model = Pose.matrix(Pose.identity);
+    return [
+      { kind: "lines", lines: truth, model, width: 1.4, opacity: 0.55, ghost: true, onTop: true },
+      { kind: "lines", lines: estimated, model, width: 1.4, opacity: 0.35, ghost: true, onTop: true },
+      { kind: "lines", lines: estimated, count: estimated.until[at] ?? estimated.count, model, width: 2.6, ghost: true, onTop: true },
+    ];
+  }
+
+  // Normals of the grasp's contacts.
+  spikes(grasp, model) {
+    const lines = this.keep(grasp, "spikes", () => {
+      const { data } = this.scene.contacts;
+      const length = 0.22 * this.extent().reach;
+      const segments = [];
+      for (let i = grasp.first; i < Math.min(grasp.end, grasp.first + 64); i++) {
+        const [p, n] = [data.slice(6 * i, 6 * i + 3), data.slice(6 * i + 3, 6 * i + 6)];
+        segments.push([p, Vector.add(p, Vector.scale(n, length)), Colour.rgb(Colour.current)]);
+      }
+      return linesOf(segments);
+    });
+    return { kind: "lines", lines, model, width: 2.4 };
+  }
+
+  free(grasp, model) {
+    const points = this.keep(grasp, "free", () => ({
+      data: new Float32Array(grasp.free.flatMap((p) => [...p, 0, 0, 0])),
+      owner: new Float32Array(grasp.free.length),
+      count: grasp.free.length,
+      version: 0,
+    }));
+    const quiet = Colour.rgb(Colour.themed("quiet"));
+    return { kind: "points", points, model, radius: 6, hollow: true, colours: Array(5).fill(quiet).flat() };
+  }
+
+  // Where the object's middle may be: an ellipse, or three.
+  doubt(grasp, model, middle) {
+    const reach = grasp.deviations.slice(0, 3).map((d) => Math.max(2 * d, 1e-6));
+    const circles = this.keep(this, `circles ${Colour.themed("second")}${this.flat()}`, () => circlesOf(this.flat(), Colour.rgb(Colour.themed("second"))));
+    const scale = new Float32Array([reach[0], 0, 0, 0, 0, reach[1], 0, 0, 0, 0, reach[2], 0, ...middle, 1]);
+    return [{ kind: "lines", lines: circles, model: Matrix.multiply(model, scale), width: 1.8, opacity: 0.9, ghost: true, onTop: true }];
+  }
+
+  // On the floor, its lines a round distance apart.
+  grid() {
+    const bounds = this.bounds();
+    const step = this.gridStep();
+    const theme = Colour.themed("line");
+    const lines = this.keep(this, `grid ${this.scene.version}${this.riding}${theme}`, () => {
+      const ink = Colour.rgb(theme);
+      const { middle, half: box, reach } = bounds;
+      const floor = this.flat() ? 0 : middle[2] - 1.05 * box[2];
+      const half = Math.ceil((this.flat() ? 4 : 1.6) * reach / step);
+      const [x, y] = [Math.round(middle[0] / step), Math.round(middle[1] / step)];
+      const segments = [];
+      for (let k = -half; k <= half; k++) {
+        const strong = (n) => (n % 5 === 0 ? 1 : 0.55);
+        segments.push([[(x + k) * step, (y - half) * step, floor], [(x + k) * step, (y + half) * step, floor], ink, strong(x + k)]);
+        segments.push([[(x - half) * step, (y + k) * step, floor], [(x + half) * step, (y + k) * step, floor], ink, strong(y + k)]);
+      }
+      return linesOf(segments);
+    });
+    return { kind: "lines", lines, model: Pose.matrix(Pose.identity), width: 1, nearer: -0.002 };
+  }
+
+  gridStep() {
+    return niceAbove(this.bounds().reach / 8);
+  }
+}
+
+// Segments [from, to, colour, opacity] as the ten numbers of each.
+function linesOf(segments) {
+  const data = new Float32Array(10 * segments.length);
+  segments.forEach(([from, to, colour, opacity = 1], i) => data.set([...from, ...to, ...colour, opacity], 10 * i));
+  return { data, count: segments.length, version: 0 };
+}
+
+// Through the points, over gaps where one is missing; `until` says how many segments there are up to
+// each point.
+function polyline(points, colour) {
+  const segments = [];
+  const until = [];
+  let last = null;
+  for (const point of points) {
+    if (point && last) segments.push([last, point, colour]);
+    last = point ?? last;
+    until.push(segments.length);
+  }
+  return { ...linesOf(segments), until };
+}
+
+function outlineOf({ vertices, loops }, shade) {
+  const segments = [];
+  let start = 0;
+  for (const count of loops) {
+    for (let k = 0; k < count; k++) {
+      const [i, j] = [start + k, start + ((k + 1) % count)];
+      segments.push([vertices.subarray(3 * i, 3 * i + 3), vertices.subarray(3 * j, 3 * j + 3), shade(i)]);
+    }
+    start += count;
+  }
+  return linesOf(segments);
+}
+
+function circlesOf(flat, colour) {
+  const segments = [];
+  const on = (k, a, b) => {
+    const point = [0, 0, 0];
+    point[a] = Math.cos((Math.PI * k) / 32);
+    point[b] = Math.sin((Math.PI * k) / 32);
+    return point;
+  };
+  for (const [a, b] of flat ? [[0, 1]] : [[0, 1], [1, 2], [2, 0]]) {
+    for (let k = 0; k < 64; k++) segments.push([on(k, a, b), on(k + 1, a, b), colour]);
+  }
+  return linesOf(segments);
+}
+
+function axesOf({ middle, reach }) {
+  const axes = [[reach, 0, 0], [0, reach, 0], [0, 0, reach]];
+  return linesOf(axes.map((axis, i) => [middle, Vector.add(middle, axis), Colour.rgb([Colour.status.lost, Colour.certainty[4], Colour.status.tracking][i])]));
+}
+
+// The strip two standard deviations to both sides of an outline.
+function bandOf({ vertices, loops, deviations }) {
+  const [positions, values] = [[], []];
+  let start = 0;
+  for (const count of loops) {
+    const at = (k) => start + ((k + count) % count);
+    const point = (k) => [vertices[3 * at(k)], vertices[3 * at(k) + 1]];
+    const side = (k, sign) => {
+      const [a, b, c] = [point(k - 1), point(k), point(k + 1)];
+      const run = [c[0] - a[0], c[1] - a[1]];
+      const length = Math.hypot(...run) || 1;
+      const out = (2 * sign * Math.max(deviations[at(k)], 0)) / length;
+      return [b[0] + out * run[1], b[1] - out * run[0], 0];
+    };
+    for (let k = 0; k < count; k++) {
+      const [inner, outer, nextInner, nextOuter] = [side(k, -1), side(k, 1), side(k + 1, -1), side(k + 1, 1)];
+      positions.push(...inner, ...outer, ...nextInner, ...nextInner, ...outer, ...nextOuter);
+      const [now, next] = [deviations[at(k)], deviations[at(k + 1)]];
+      values.push(now, now, next, next, now, next);
+    }
+    start += count;
+  }
+  const normals = new Float32Array(positions.length);
+  for (let i = 2; i < normals.length; i += 3) normals[i] = 1;
+  return { positions: new Float32Array(positions), normals, values: new Float32Array(values), count: values.length };
+}
+
+function faceNormals(vertices, triangles) {
+  const normals = new Float32Array(triangles.length);
+  for (let t = 0; t < triangles.length; t += 3) {
+    const [a, b, c] = [3 * triangles[t], 3 * triangles[t + 1], 3 * triangles[t + 2]];
+    const [ux, uy, uz] = [vertices[b] - vertices[a], vertices[b + 1] - vertices[a + 1], vertices[b + 2] - vertices[a + 2]];
+    const [vx, vy, vz] = [vertices[c] - vertices[a], vertices[c + 1] - vertices[a + 1], vertices[c + 2] - vertices[a + 2]];
+    normals[t] = uy * vz - uz * vy;
+    normals[t + 1] = uz * vx - ux * vz;
+    normals[t + 2] = ux * vy - uy * vx;
+  }
+  return normals;
+}
+
+// Triangles corner by corner. A corner's normal is the mean of its faces' that turn little from its own.
+function meshOf(vertices, triangles, values) {
+  const count = triangles.length;
+  const faces = faceNormals(vertices, triangles);
+  const around = new Uint32Array(vertices.length / 3 + 1);
+  for (const v of triangles) around[v + 1] += 1;
+  for (let v = 1; v < around.length; v++) around[v] += around[v - 1];
+  const place = around.slice();
+  const users = new Uint32Array(count);
+  for (let i = 0; i < count; i++) users[place[triangles[i]]++] = i - (i % 3);
+  const lengths = new Float32Array(count / 3);
+  for (let t = 0; t < count; t += 3) lengths[t / 3] = Math.hypot(faces[t], faces[t + 1], faces[t + 2]) || 1e-30;
+  const [positions, normals, levels] = [new Float32Array(3 * count), new Float32Array(3 * count), new Float32Array(count)];
+  for (let i = 0; i < count; i++) {
+    const [v, own] = [triangles[i], i - (i % 3)];
+    let [x, y, z] = [0, 0, 0];
+    for (let u = around[v]; u < around[v + 1]; u++) {
+      const t = users[u];
+      const turn = faces[t] * faces[own] + faces[t + 1] * faces[own + 1] + faces[t + 2] * faces[own + 2];
+      if (turn >= SHARP * lengths[t / 3] * lengths[own / 3]) {
+        x += faces[t];
+        y += faces[t + 1];
+        z += faces[t + 2];
+      }
+    }
+    const length = Math.hypot(x, y, z) || 1;
+    for (let axis = 0; axis < 3; axis++) positions[3 * i + axis] = vertices[3 * v + axis];
+    normals[3 * i] = x / length;
+    normals[3 * i + 1] = y / length;
+    normals[3 * i + 2] = z / length;
+    levels[i] = values ? values[v] : UNKNOWN;
+  }
+  return { positions, normals, values: levels, count };
+}
+
+// Edges where faces meet at an angle, or where there is one face only.
+function edgesOf({ vertices, triangles }, colour) {
+  const faces = faceNormals(vertices, triangles);
+  // Scanned meshes may hold one corner several times.
+  const same = new Map();
+  const name = new Uint32Array(vertices.length / 3);
+  for (let v = 0; v < name.length; v++) {
+    const key = [0, 1, 2].map((axis) => Math.round(vertices[3 * v + axis] * 1e6)).join();
+    if (!same.has(key)) same.set(key, v);
+    name[v] = same.get(key);
+  }
+  const owner = new Map();
+  const segments = [];
+  for (let t = 0; t < triangles.length; t += 3) {
+    for (let k = 0; k < 3; k++) {
+      const [a, b] = [name[triangles[t + k]], name[triangles[t + ((k + 1) % 3)]]];
+      const key = Math.min(a, b) * name.length + Math.max(a, b);
+      const other = owner.get(key);
+      if (other === undefined) {
+        owner.set(key, t);
+        continue;
+      }
+      owner.delete(key);
+      const [n, m] = [faces.subarray(t, t + 3), faces.subarray(other, other + 3)];
+      if (Vector.dot(n, m) < SHARP * Math.hypot(...n) * Math.hypot(...m)) {
+        segments.push([vertices.subarray(3 * a, 3 * a + 3), vertices.subarray(3 * b, 3 * b + 3), colour]);
+      }
+    }
+  }
+  return linesOf(segments);
+}

@@ -1,0 +1,211 @@
+//! A session as a browser shows it while it runs.
+
+use std::str::FromStr;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::Instant;
+
+use crate::cli::Error;
+use crate::cli::slam::Input;
+use crate::log::GraspLog;
+use crate::slam::choose::Choice;
+use crate::slam::output::Outcome;
+use crate::slam::reconstruct::{Reconstruction, reconstruct};
+use crate::slam::track::Step;
+use crate::view::growth::{shown, viewed};
+use crate::view::live::LiveView;
+use crate::view::scene::{Grasp, Meta, Packed, Shape, Surface};
+
+/// Contacts that a surface on the way is fitted to at most, in the plane and in space.
+const CONTACTS: [usize; 2] = [300, 200];
+
+/// Where a view is served: a name or address of this machine and a port.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Address {
+    /// Only this machine sees the view at `127.0.0.1`.
+    pub host: String,
+    /// 0 takes any free one.
+    pub port: u16,
+}
+
+impl FromStr for Address {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (host, port) = text.rsplit_once(':').unwrap_or(("127.0.0.1", text));
+        let bare = host.strip_prefix('[').and_then(|h| h.strip_suffix(']')).unwrap_or(host);
+        match port.parse() {
+            Ok(port) if !bare.is_empty() => Ok(Address { host: bare.to_owned(), port }),
+            _ => Err(format!("expected a port or HOST:PORT, found `{text}`")),
+        }
+    }
+}
+
+/// A view of a log that is being fed to a board.
+pub(super) struct Watch<'a> {
+    view: LiveView,
+    log: &'a GraspLog,
+    start: Instant,
+    felt: Mutex<Felt>,
+    news: Condvar,
+}
+
+/// What the board has made of the log so far.
+#[derive(Default)]
+struct Felt {
+    steps: Vec<Step>,
+    over: bool,
+}
+
+impl<'a> Watch<'a> {
+    /// Opens the view and says where it is.
+    ///
+    /// # Errors
+    /// When the address is not one of this machine, or taken.
+    pub fn open(at: &Address, input: &'a Input, tracker: &str) -> Result<Self, Error> {
+        let Address { host, port } = at;
+        let view = LiveView::open(host, *port)
+            .map_err(|e| Error::Input(format!("--view {host}:{port}: {e}")))?;
+        view.begin(&Meta {
+            tracker: Some(tracker.to_owned()),
+            fingers: input.log.fingers.clone(),
+            grasps: Some(input.log.grasps.len() as u64),
+            truth: input.truth.as_ref().map(|t| Shape::new(&shown(t))),
+            ..Meta::new(input.log.dimension, input.title())
+        });
+        eprintln!("live view at {}", view.url());
+        Ok(Watch {
+            view,
+            log: &input.log,
+            start: Instant::now(),
+            felt: Mutex::default(),
+            news: Condvar::new(),
+        })
+    }
+
+    fn felt(&self) -> MutexGuard<'_, Felt> {
+        self.felt.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What the board made of grasp `number` of the log.
+    pub fn grasp(&self, number: usize, step: Step) {
+        let Some(logged) = self.log.grasps.get(number) else { return };
+        let grasp = Grasp::estimated(logged, &step, self.log.dimension);
+        self.view.grasp(Grasp { time: Some(self.start.elapsed().as_secs_f64()), ..grasp });
+        self.felt().steps.push(step);
+        self.news.notify_all();
+    }
+
+    /// Does `work`; beside it, in a thread of its own, the surface of what was felt so far is fitted
+    /// again and again, each time to the newest.
+    pub fn beside<R>(&self, work: impl FnOnce() -> R) -> R {
+        thread::scope(|scope| {
+            scope.spawn(|| self.shape());
+            // Also when `work` panics: the scope waits for its threads.
+            let _over = Over(self);
+            work()
+        })
+    }
+
+    fn shape(&self) {
+        let mut done = 0;
+        loop {
+            let mut felt = self.felt();
+            while felt.steps.len() == done && !felt.over {
+                felt = self.news.wait(felt).unwrap_or_else(PoisonError::into_inner);
+            }
+            if felt.over {
+                return;
+            }
+            let steps = felt.steps.clone();
+            drop(felt);
+            done = steps.len();
+            if let Some(reconstruction) = sketch(self.log, &steps) {
+                let after = self.log.grasps.get(done - 1).map_or(0, |g| g.index);
+                self.view.surface(&surface(&reconstruction, after));
+            }
+        }
+    }
+
+    /// Shows the final surface and that nothing more will come.
+    pub fn finish(&self, outcome: &Outcome) {
+        let judged = &outcome.report.surface;
+        let after = self.log.grasps.last().map_or(0, |g| g.index);
+        self.view.surface(&Surface {
+            hausdorff_mm: judged.hausdorff_mm,
+            mean_mm: judged.mean_mm,
+            ..surface(&outcome.reconstruction, after)
+        });
+        self.view.end();
+    }
+
+    /// Keeps the view open until somebody ends the program.
+    pub fn stay(&self) -> ! {
+        eprintln!("the live view stays at {} until Ctrl-C", self.view.url());
+        loop {
+            thread::park();
+        }
+    }
+}
+
+/// Ends the thread that fits surfaces.
+struct Over<'a>(&'a Watch<'a>);
+
+impl Drop for Over<'_> {
+    fn drop(&mut self) {
+        self.0.felt().over = true;
+        self.0.news.notify_all();
+    }
+}
+
+/// The object as the first grasps show it, from a part of their contacts where there are many; `None`
+/// where nothing fits them.
+fn sketch(log: &GraspLog, steps: &[Step]) -> Option<Reconstruction> {
+    let mut grasps = log.grasps.get(..steps.len())?.to_vec();
+    let count: usize = grasps.iter().map(|g| g.contacts.len()).sum();
+    let stride = count.div_ceil(CONTACTS[usize::from(log.dimension == 3)]).max(1);
+    let mut number = 0;
+    for grasp in &mut grasps {
+        grasp.contacts.retain(|_| {
+            number += 1;
+            number % stride == 0
+        });
+    }
+    let log = GraspLog {
+        dimension: log.dimension,
+        description: String::new(),
+        fingers: log.fingers.clone(),
+        noise: log.noise,
+        shape: None,
+        grasps,
+        unknown: serde_json::Map::new(),
+    };
+    reconstruct(&log, steps, Choice::Auto, &|_, _| ()).ok()
+}
+
+fn surface(reconstruction: &Reconstruction, after: u64) -> Surface {
+    let (geometry, deviations) = viewed(reconstruction);
+    Surface {
+        after,
+        shape: Shape::new(&geometry),
+        deviations: Packed(deviations.iter().map(|&d| d as f32).collect()),
+        ..Surface::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_on_this_machine_unless_they_say_otherwise() {
+        let at = |host: &str, port| Ok(Address { host: host.into(), port });
+        assert_eq!("7332".parse(), at("127.0.0.1", 7332));
+        assert_eq!("0.0.0.0:80".parse(), at("0.0.0.0", 80));
+        assert_eq!("[::1]:0".parse(), at("::1", 0));
+        assert_eq!("lab.local:7332".parse(), at("lab.local", 7332));
+        for bad in ["", ":7332", "x", "host:", "host:70000", "7332:", "[]:1"] {
+            assert!(bad.parse::<Address>().unwrap_err().contains("expected a port"), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,72 @@
+use super::*;
+
+fn felt(grasps: &[usize]) -> Vec<Placed> {
+    let contact = Contact {
+        point: Point::zeros(),
+        normal: None,
+        point_deviation: 1e-3,
+        normal_deviation: 0.1,
+    };
+    let of = |(grasp, count): (usize, &usize)| vec![Placed { contact, grasp }; *count];
+    grasps.iter().enumerate().flat_map(of).collect()
+}
+
+fn cube() -> Mesh {
+    let corner = |i: usize| Point::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2 & 1) as f64);
+    let quads =
+        [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    Mesh::new((0..8).map(corner).collect(), triangles).unwrap()
+}
+
+#[test]
+fn moments_come_after_whole_grasps_and_closer_at_the_start() {
+    // Two contacts are too few, a grasp without contacts teaches nothing, the last one has the final
+    // surface.
+    assert_eq!(moments(&felt(&[2, 0, 3, 5, 4])), [(2, 5), (3, 10)]);
+    assert!(moments(&felt(&[9])).is_empty());
+    assert!(moments(&[]).is_empty());
+    let many = moments(&felt(&[5; 100]));
+    assert_eq!(many.len(), MOMENTS);
+    assert_eq!(many.first(), Some(&(0, 5)));
+    assert_eq!(many.last(), Some(&(98, 495)));
+    let steps: Vec<usize> = many.windows(2).map(|w| w[1].0 - w[0].0).collect();
+    assert!(steps.is_sorted(), "{steps:?}");
+}
+
+#[test]
+fn cutting_a_mesh_keeps_it_closed_and_its_volume() {
+    let fine = subdivided(&cube(), 0.3);
+    assert!(fine.is_watertight());
+    assert!((fine.volume() - 1.0).abs() < 1e-12);
+    let longest = fine
+        .triangles()
+        .iter()
+        .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)])
+        .map(|(a, b)| (fine.vertices()[a as usize] - fine.vertices()[b as usize]).norm())
+        .fold(0.0, f64::max);
+    assert!(longest <= 0.3, "{longest}");
+}
+
+#[test]
+fn cutting_a_polygon_keeps_its_corners() {
+    let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
+    let cut = divided(&corners, 0.25);
+    assert_eq!(cut.len(), 4 + 6 + 4);
+    assert!(corners.iter().all(|c| cut.contains(c)));
+}
+
+#[test]
+fn thinning_bounds_the_triangles_and_keeps_the_shape() {
+    let fine = subdivided(&cube(), 0.03);
+    let deviations: Vec<f64> = fine.vertices().iter().map(|v| v.x).collect();
+    let (thin, kept) = thinned(Geometry::Mesh(fine.clone()), deviations, 2_000);
+    let Geometry::Mesh(thin) = thin else { panic!("a mesh stays a mesh") };
+    assert!(thin.triangles().len() <= 2_000 && thin.triangles().len() > 400);
+    assert!((thin.volume() - 1.0).abs() < 0.15, "{}", thin.volume());
+    assert_eq!(kept.len(), thin.vertices().len());
+    // Linear deviations stay those of the vertices.
+    assert!(thin.vertices().iter().zip(&kept).all(|(v, d)| (v.x - d).abs() < 1e-12));
+    let (same, _) = thinned(Geometry::Mesh(cube()), vec![], 12);
+    assert!(matches!(same, Geometry::Mesh(m) if m.triangles().len() == 12));
+}
