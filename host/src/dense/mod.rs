@@ -11,7 +11,7 @@ pub mod expansion;
 mod exponential;
 mod panel;
 mod radial;
-mod simd;
+pub(crate) mod simd;
 
 pub use cholesky::{Cholesky, Lower};
 pub use expansion::{Functional, Sites};

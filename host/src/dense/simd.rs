@@ -7,7 +7,7 @@
 
 /// Vectors of [`LANES`](Simd::LANES) numbers. Results differ between implementations by rounding
 /// alone: where there is no fused multiplication, products are rounded on their own.
-pub(super) trait Simd: Copy {
+pub(crate) trait Simd: Copy {
     /// [`LANES`](Simd::LANES) numbers.
     type Vector: Copy;
     /// Numbers in a vector.
@@ -39,7 +39,7 @@ pub(super) trait Simd: Copy {
 }
 
 /// Something to compute with vectors of any width.
-pub(super) trait Work {
+pub(crate) trait Work {
     /// What comes of it.
     type Output;
     /// Does it. Implementations are `#[inline(always)]`, so that they are compiled for the
@@ -49,7 +49,7 @@ pub(super) trait Work {
 
 /// Sets of instructions there is code for, the least demanding first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Instructions {
+pub(crate) enum Instructions {
     /// What every processor does.
     Portable,
     /// 256 bits and fused multiplication.
@@ -60,7 +60,7 @@ pub(super) enum Instructions {
 
 impl Instructions {
     /// The most this processor can do.
-    pub(super) fn best() -> Self {
+    pub(crate) fn best() -> Self {
         #[cfg(target_arch = "x86_64")]
         {
             use std::arch::is_x86_feature_detected as has;
@@ -76,12 +76,12 @@ impl Instructions {
 }
 
 /// Does the work with the widest vectors of this processor.
-pub(super) fn run<W: Work>(work: W) -> W::Output {
+pub(crate) fn run<W: Work>(work: W) -> W::Output {
     run_with(Instructions::best(), work)
 }
 
 /// Does the work with the widest vectors of this processor up to `most`.
-pub(super) fn run_with<W: Work>(most: Instructions, work: W) -> W::Output {
+pub(crate) fn run_with<W: Work>(most: Instructions, work: W) -> W::Output {
     match Instructions::best().min(most) {
         // SAFETY: `best` is at least Avx512: the processor has avx512f, avx2 and fma.
         #[cfg(target_arch = "x86_64")]
@@ -95,7 +95,7 @@ pub(super) fn run_with<W: Work>(most: Instructions, work: W) -> W::Output {
 
 /// Two lanes of plain arithmetic.
 #[derive(Clone, Copy)]
-pub(super) struct Portable(());
+pub(crate) struct Portable(());
 
 impl Simd for Portable {
     type Vector = [f64; 2];
@@ -173,19 +173,19 @@ mod x86 {
 
     /// Proof that avx512f, avx2 and fma are there: made only in [`avx512`].
     #[derive(Clone, Copy)]
-    pub(in super::super) struct Avx512(());
+    pub(in crate::dense) struct Avx512(());
 
     /// Proof that avx2 and fma are there: made only in [`avx2`].
     #[derive(Clone, Copy)]
-    pub(in super::super) struct Avx2(());
+    pub(in crate::dense) struct Avx2(());
 
     #[target_feature(enable = "avx512f,avx2,fma")]
-    pub(super) fn avx512<W: Work>(work: W) -> W::Output {
+    pub(crate) fn avx512<W: Work>(work: W) -> W::Output {
         work.with(Avx512(()))
     }
 
     #[target_feature(enable = "avx2,fma")]
-    pub(super) fn avx2<W: Work>(work: W) -> W::Output {
+    pub(crate) fn avx2<W: Work>(work: W) -> W::Output {
         work.with(Avx2(()))
     }
 

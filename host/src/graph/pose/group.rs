@@ -1,6 +1,18 @@
 //! The groups of rigid motions: SE(2) and SE(3), their small motions and the error of a measurement.
 
-use nalgebra::{Quaternion, SVector, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Quaternion, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
+
+/// The error of a measurement and how it changes when the two poses are displaced, each by a tangent
+/// of its own: error(x ⊕ a, y ⊕ b) ≈ error + from·a + to·b.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Linearised<const D: usize> {
+    /// [`Group::error`].
+    pub error: SVector<f64, D>,
+    /// Derivative by the tangent of the pose it is measured from.
+    pub from: SMatrix<f64, D, D>,
+    /// Derivative by the tangent of the pose that is measured.
+    pub to: SMatrix<f64, D, D>,
+}
 
 /// A rigid motion with `D` degrees of freedom.
 ///
@@ -35,6 +47,9 @@ pub trait Group<const D: usize>:
     /// the rotation vector for small ones.
     fn error(from: &Self, to: &Self, measured: &Self) -> SVector<f64, D>;
 
+    /// [`error`](Group::error) with its derivatives.
+    fn linearise(from: &Self, to: &Self, measured: &Self) -> Linearised<D>;
+
     /// Whether every number is finite.
     fn is_finite(&self) -> bool;
 }
@@ -65,6 +80,11 @@ pub fn wrapped(angle: f64) -> f64 {
     }
     let turns = angle - TAU * (angle / TAU).round();
     if turns <= -PI { turns + TAU } else { turns }
+}
+
+fn rotation(angle: f64) -> Matrix2<f64> {
+    let (sin, cos) = angle.sin_cos();
+    Matrix2::new(cos, -sin, sin, cos)
 }
 
 fn turned(angle: f64, v: Vector2<f64>) -> Vector2<f64> {
@@ -104,6 +124,40 @@ impl Group<3> for Se2 {
     fn error(from: &Self, to: &Self, measured: &Self) -> SVector<f64, 3> {
         let error = measured.between(&from.between(to));
         SVector::<f64, 3>::new(error.translation.x, error.translation.y, error.angle)
+    }
+
+    fn linearise(from: &Self, to: &Self, measured: &Self) -> Linearised<3> {
+        let seen = turned(-from.angle, to.translation - from.translation);
+        let angle = wrapped(to.angle - from.angle - measured.angle);
+        let back = rotation(-measured.angle);
+        let t = back * (seen - measured.translation);
+        let swing = back * Vector2::new(seen.y, -seen.x);
+        let turn = rotation(angle);
+        Linearised {
+            error: SVector::<f64, 3>::new(t.x, t.y, angle),
+            from: Matrix3::new(
+                -back[(0, 0)],
+                -back[(0, 1)],
+                swing.x, //
+                -back[(1, 0)],
+                -back[(1, 1)],
+                swing.y, //
+                0.0,
+                0.0,
+                -1.0,
+            ),
+            to: Matrix3::new(
+                turn[(0, 0)],
+                turn[(0, 1)],
+                0.0, //
+                turn[(1, 0)],
+                turn[(1, 1)],
+                0.0, //
+                0.0,
+                0.0,
+                1.0,
+            ),
+        }
     }
 
     fn is_finite(&self) -> bool {
@@ -158,6 +212,33 @@ impl Group<6> for Se3 {
         SVector::<f64, 6>::new(t.x, t.y, t.z, v.x, v.y, v.z)
     }
 
+    fn linearise(from: &Self, to: &Self, measured: &Self) -> Linearised<6> {
+        let from_back = from.rotation.inverse();
+        let seen = from_back * (to.translation - from.translation);
+        let back = measured.rotation.inverse();
+        let q = (back * (from_back * to.rotation)).into_inner();
+        let t = back * (seen - measured.translation);
+        let back = back.to_rotation_matrix().into_inner();
+        let turn = UnitQuaternion::new_unchecked(q).to_rotation_matrix().into_inner();
+        let (v, sign) = (q.imag(), if q.w < 0.0 { -1.0 } else { 1.0 });
+        // v of q (1, b/2) and of (1, −a/2) q, the latter with a seen from the measurement.
+        let after = (Matrix3::from_diagonal_element(q.w) + v.cross_matrix()) * (0.5 * sign);
+        let before = (Matrix3::from_diagonal_element(q.w) - v.cross_matrix()) * (0.5 * sign);
+        let (mut by_from, mut by_to) =
+            (SMatrix::<f64, 6, 6>::zeros(), SMatrix::<f64, 6, 6>::zeros());
+        by_from.fixed_view_mut::<3, 3>(0, 0).copy_from(&-back);
+        by_from.fixed_view_mut::<3, 3>(0, 3).copy_from(&(back * seen.cross_matrix()));
+        by_from.fixed_view_mut::<3, 3>(3, 3).copy_from(&-(before * back));
+        by_to.fixed_view_mut::<3, 3>(0, 0).copy_from(&turn);
+        by_to.fixed_view_mut::<3, 3>(3, 3).copy_from(&after);
+        let v = v * sign;
+        Linearised {
+            error: SVector::<f64, 6>::new(t.x, t.y, t.z, v.x, v.y, v.z),
+            from: by_from,
+            to: by_to,
+        }
+    }
+
     fn is_finite(&self) -> bool {
         self.translation.iter().chain(self.rotation.coords.iter()).all(|x| x.is_finite())
     }
@@ -188,7 +269,51 @@ mod tests {
         Ok(())
     }
 
+    /// Derivatives against central differences.
+    fn derivatives<G: Group<D>, const D: usize>(x: G, y: G, z: G) -> Result<(), TestCaseError> {
+        let exact = G::linearise(&x, &y, &z);
+        prop_assert!((exact.error - G::error(&x, &y, &z)).norm() < 1e-12);
+        let h = 1e-6;
+        for i in 0..D {
+            let step = SVector::<f64, D>::from_fn(|r, _| if r == i { h } else { 0.0 });
+            let from = [x.retract(&-step), x.retract(&step)].map(|x| G::error(&x, &y, &z));
+            let to = [y.retract(&-step), y.retract(&step)].map(|y| G::error(&x, &y, &z));
+            for ([less, more], exact) in [(from, exact.from), (to, exact.to)] {
+                let slope = (more - less) / (2.0 * h);
+                let wrong = (slope - exact.column(i)).norm();
+                prop_assert!(wrong < 1e-7 * (1.0 + slope.norm()), "{i}: {slope} {exact}");
+            }
+        }
+        Ok(())
+    }
+
     proptest! {
+        #[test]
+        fn derivatives_are_those_of_the_error(
+            (x, y, z) in (se2(), se2(), se2()), (a, b, c) in (se3(), se3(), se3()),
+        ) {
+            // At half a turn the error itself jumps.
+            prop_assume!(Se2::error(&x, &y, &z)[2].abs() < 3.1415);
+            derivatives(x, y, z)?;
+            prop_assume!(Se3::error(&a, &b, &c).fixed_rows::<3>(3).norm() < 0.99999);
+            derivatives(a, b, c)?;
+        }
+
+        #[test]
+        fn derivatives_are_right_near_half_turns(
+            axis in proptest::array::uniform3(-1.0f64..1.0), short in 1e-4f64..1e-2, (x, z) in (se3(), se3()),
+            (u, v) in (se2(), se2()), side in prop::bool::ANY,
+        ) {
+            let axis = Vector3::from(axis);
+            prop_assume!(axis.norm() > 0.1);
+            let angle = std::f64::consts::PI - short;
+            let turn = UnitQuaternion::from_scaled_axis(axis.normalize() * angle);
+            let error = Se3 { translation: axis, rotation: turn };
+            derivatives(x, x.compose(&z).compose(&error), z)?;
+            let error = Se2::new(axis.x, axis.y, if side { angle } else { -angle });
+            derivatives(u, u.compose(&v).compose(&error), v)?;
+        }
+
         #[test]
         fn measurements_of_the_poses_themselves_have_no_error(
             (a, b) in (se2(), se2()), (c, d) in (se3(), se3()),

@@ -5,9 +5,18 @@
 //!
 //! Nothing here knows of contacts: a graph comes from a `.g2o` file or from the tactile front end.
 
+mod check;
+pub mod error;
 pub mod group;
+pub mod kernel;
+mod normal;
+pub mod optimizer;
+pub mod sparse;
 
-pub use group::{Group, Se2, Se3};
+pub use error::Error;
+pub use group::{Group, Linearised, Se2, Se3};
+pub use kernel::Kernel;
+pub use optimizer::{Iteration, Method, Optimizer, Options, Stop, Summary, optimize};
 
 use nalgebra::SMatrix;
 
@@ -26,7 +35,7 @@ pub struct Edge<G, const D: usize> {
 }
 
 /// Poses and what was measured between them.
-#[derive(Clone, Debug, PartialEq, Default)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PoseGraph<G, const D: usize> {
     /// Names of the poses in their file, all different.
     pub ids: Vec<u64>,
@@ -37,6 +46,12 @@ pub struct PoseGraph<G, const D: usize> {
     /// Indices of poses that stay where they are. Where a connected part has none, the solver holds its
     /// first pose.
     pub fixed: Vec<usize>,
+}
+
+impl<G, const D: usize> Default for PoseGraph<G, D> {
+    fn default() -> Self {
+        Self { ids: Vec::new(), poses: Vec::new(), edges: Vec::new(), fixed: Vec::new() }
+    }
 }
 
 /// A planar pose graph.

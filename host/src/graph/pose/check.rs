@@ -1,0 +1,123 @@
+//! What is asked of a graph before it is optimised.
+
+use nalgebra::SMatrix;
+
+use super::error::Error;
+use super::{Edge, Group, PoseGraph};
+
+impl<G: Group<D>, const D: usize> PoseGraph<G, D> {
+    /// Whether the graph can be optimised: edges join different poses that exist, every number is
+    /// finite, information is symmetric and positive semidefinite.
+    ///
+    /// # Errors
+    /// The first thing that is wrong.
+    pub fn check(&self) -> Result<(), Error> {
+        self.check_indices()?;
+        self.check_values()
+    }
+
+    pub(super) fn check_indices(&self) -> Result<(), Error> {
+        let poses = self.poses.len();
+        if self.ids.len() != poses {
+            return Err(Error::Ids { ids: self.ids.len(), poses });
+        }
+        if let Some(&pose) = self.fixed.iter().find(|&&pose| pose >= poses) {
+            return Err(Error::MissingFixed { pose, poses });
+        }
+        for (edge, Edge { from, to, .. }) in self.edges.iter().enumerate() {
+            if let Some(&pose) = [from, to].into_iter().find(|&&pose| pose >= poses) {
+                return Err(Error::MissingPose { edge, pose, poses });
+            }
+            if from == to {
+                return Err(Error::Loop { edge, id: self.ids[*from] });
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn check_values(&self) -> Result<(), Error> {
+        if let Some(pose) = self.poses.iter().position(|pose| !pose.is_finite()) {
+            return Err(Error::PoseNotFinite { id: self.ids[pose] });
+        }
+        for (edge, e) in self.edges.iter().enumerate() {
+            let (from, to) = (self.ids[e.from], self.ids[e.to]);
+            if !(e.measured.is_finite() && e.information.iter().all(|x| x.is_finite())) {
+                return Err(Error::EdgeNotFinite { edge, from, to });
+            }
+            if let Err(problem) = information(&e.information) {
+                return Err(Error::Information { edge, from, to, problem });
+            }
+        }
+        Ok(())
+    }
+
+    /// Which poses stay: those fixed, and the first of every connected part that has none.
+    pub(super) fn held(&self) -> Vec<bool> {
+        let mut part: Vec<usize> = (0..self.poses.len()).collect();
+        fn root(part: &mut [usize], mut pose: usize) -> usize {
+            while part[pose] != pose {
+                part[pose] = part[part[pose]];
+                pose = part[pose];
+            }
+            pose
+        }
+        for e in &self.edges {
+            let (a, b) = (root(&mut part, e.from), root(&mut part, e.to));
+            // The first pose of a part is its root.
+            part[a.max(b)] = a.min(b);
+        }
+        let mut held = vec![false; self.poses.len()];
+        let mut anchored = vec![false; self.poses.len()];
+        for &pose in &self.fixed {
+            held[pose] = true;
+            anchored[root(&mut part, pose)] = true;
+        }
+        for pose in 0..held.len() {
+            if part[pose] == pose && !anchored[pose] {
+                held[pose] = true;
+            }
+        }
+        held
+    }
+}
+
+/// Whether Ω is symmetric and positive semidefinite, to rounding.
+fn information<const D: usize>(omega: &SMatrix<f64, D, D>) -> Result<(), &'static str> {
+    for i in 0..D {
+        for j in 0..i {
+            let scale = omega[(i, j)].abs().max(omega[(j, i)].abs());
+            if (omega[(i, j)] - omega[(j, i)]).abs() > 1e-9 * scale {
+                return Err("not symmetric");
+            }
+        }
+    }
+    // Cholesky's, where a pivot of zero must have zeros below it. Scaled to a unit diagonal, what
+    // rounding leaves is small against 1.
+    let scale: [f64; D] =
+        std::array::from_fn(|i| if omega[(i, i)] > 0.0 { omega[(i, i)].sqrt() } else { 1.0 });
+    let mut rest = *omega;
+    for i in 0..D {
+        for j in 0..D {
+            rest[(i, j)] /= scale[i] * scale[j];
+        }
+    }
+    for k in 0..D {
+        let pivot = rest[(k, k)];
+        if pivot < -1e-9 {
+            return Err("not positive semidefinite");
+        }
+        if pivot <= 1e-9 {
+            if (k + 1..D).any(|i| rest[(i, k)].abs() > 1e-4) {
+                return Err("not positive semidefinite");
+            }
+            continue;
+        }
+        for j in k + 1..D {
+            let factor = rest[(j, k)] / pivot;
+            for i in j..D {
+                rest[(i, j)] -= factor * rest[(i, k)];
+            }
+        }
+    }
+    Ok(())
+}

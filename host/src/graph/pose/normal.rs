@@ -1,0 +1,156 @@
+//! The normal equations of a pose graph: Σ ρ(eᵀ Ω e) to second order about the current poses.
+
+use nalgebra::{SMatrix, SVector};
+
+use super::kernel::Kernel;
+use super::sparse::{BlockMatrix, Structure, TooDense};
+use super::{Group, PoseGraph};
+
+/// No place: the pose does not move.
+const HELD: u32 = u32::MAX;
+
+/// Where a pose graph's poses and edges stand in its normal equations.
+#[derive(Clone, Debug)]
+pub(super) struct Layout {
+    pub structure: Structure,
+    /// Position of every pose in the system, or [`HELD`].
+    position: Vec<u32>,
+    /// Pose at every position.
+    pub pose: Vec<u32>,
+    /// Slot of every edge between two moving poses; [`HELD`] for the others.
+    slot: Vec<u32>,
+}
+
+impl Layout {
+    /// `held` poses stay where they are; edges are in range.
+    pub fn new<G, const D: usize>(
+        graph: &PoseGraph<G, D>,
+        held: &[bool],
+        limit: usize,
+    ) -> Result<Self, TooDense> {
+        let mut block = vec![HELD; held.len()];
+        let mut moving = Vec::new();
+        for pose in (0..held.len()).filter(|&pose| !held[pose]) {
+            block[pose] = moving.len() as u32;
+            moving.push(pose as u32);
+        }
+        let both = |from: usize, to: usize| block[from] != HELD && block[to] != HELD;
+        let pairs = graph.edges.iter().filter(|e| both(e.from, e.to));
+        let pairs = pairs.map(|e| (block[e.from] as usize, block[e.to] as usize));
+        let structure = Structure::new(moving.len(), pairs, limit)?;
+        let mut position = vec![HELD; held.len()];
+        let mut pose = vec![0; moving.len()];
+        for (block, &at) in moving.iter().enumerate() {
+            position[at as usize] = structure.position(block) as u32;
+            pose[structure.position(block)] = at;
+        }
+        let slot = |from: usize, to: usize| {
+            let (a, b) = (position[from], position[to]);
+            if a == HELD || b == HELD {
+                return HELD;
+            }
+            structure.slot(a.max(b) as usize, a.min(b) as usize).map_or(HELD, |slot| slot as u32)
+        };
+        let slot = graph.edges.iter().map(|e| slot(e.from, e.to)).collect();
+        Ok(Self { structure, position, pose, slot })
+    }
+
+    /// Position of `pose`, unless it is held.
+    pub fn position(&self, pose: usize) -> Option<usize> {
+        Some(self.position[pose]).filter(|&p| p != HELD).map(|p| p as usize)
+    }
+}
+
+/// H and g of the cost about a set of poses: cost(x ⊕ −h) ≈ cost − 2 gᵀh + hᵀ H h.
+#[derive(Clone, Debug)]
+pub(super) struct Normal<const D: usize> {
+    pub matrix: BlockMatrix<D>,
+    /// By position.
+    pub gradient: Vec<f64>,
+}
+
+/// What edges cost: their own weights times a kernel.
+#[derive(Clone, Copy)]
+pub(super) struct Cost<'a> {
+    pub kernel: Kernel,
+    pub weights: Option<&'a [f64]>,
+}
+
+impl Cost<'_> {
+    /// The cost of an edge and the weight of its information, from its squared error.
+    #[inline]
+    fn of(self, edge: usize, squared: f64) -> (f64, f64) {
+        let (cost, weight) = self.kernel.cost_and_weight(squared);
+        match self.weights {
+            None => (cost, weight),
+            Some(weights) => (cost * weights[edge], weight * weights[edge]),
+        }
+    }
+
+    /// Σ over the edges at `poses`.
+    pub fn total<G: Group<D>, const D: usize>(self, graph: &PoseGraph<G, D>, poses: &[G]) -> f64 {
+        let edges = graph.edges.iter().enumerate();
+        edges.map(|(edge, e)| self.of(edge, e.chi2(poses)).0).sum()
+    }
+}
+
+impl<const D: usize> Normal<D> {
+    pub fn new(layout: &Layout) -> Self {
+        let gradient = vec![0.0; layout.structure.blocks() * D];
+        Self { matrix: BlockMatrix::new(&layout.structure), gradient }
+    }
+
+    /// Linearises all edges about `poses` and returns the cost there. With `gradient_only` the matrix
+    /// stays what it is.
+    pub fn linearise<G: Group<D>>(
+        &mut self,
+        layout: &Layout,
+        graph: &PoseGraph<G, D>,
+        poses: &[G],
+        cost: Cost,
+        gradient_only: bool,
+    ) -> f64 {
+        self.gradient.fill(0.0);
+        if !gradient_only {
+            self.matrix.clear();
+        }
+        let mut total = 0.0;
+        for (index, edge) in graph.edges.iter().enumerate() {
+            let at = G::linearise(&poses[edge.from], &poses[edge.to], &edge.measured);
+            let pull = edge.information * at.error;
+            let (own, weight) = cost.of(index, at.error.dot(&pull));
+            total += own;
+            if weight == 0.0 {
+                continue;
+            }
+            let pull = pull * weight;
+            let (from, to) = (layout.position[edge.from], layout.position[edge.to]);
+            for (position, by) in [(from, &at.from), (to, &at.to)] {
+                if position != HELD {
+                    let start = position as usize * D;
+                    let own: SVector<f64, D> = by.tr_mul(&pull);
+                    for (sum, x) in self.gradient[start..start + D].iter_mut().zip(own.iter()) {
+                        *sum += x;
+                    }
+                }
+            }
+            if gradient_only {
+                continue;
+            }
+            let information = edge.information * weight;
+            let by_from: SMatrix<f64, D, D> = information * at.from;
+            let by_to: SMatrix<f64, D, D> = information * at.to;
+            if from != HELD {
+                self.matrix.diagonal[from as usize] += at.from.tr_mul(&by_from);
+            }
+            if to != HELD {
+                self.matrix.diagonal[to as usize] += at.to.tr_mul(&by_to);
+            }
+            if from != HELD && to != HELD {
+                let block = &mut self.matrix.below[layout.slot[index] as usize];
+                *block += if from > to { at.from.tr_mul(&by_to) } else { at.to.tr_mul(&by_from) };
+            }
+        }
+        total
+    }
+}

@@ -1,0 +1,43 @@
+//! The numbers of a sparse symmetric matrix of blocks.
+
+use nalgebra::SMatrix;
+
+use super::Structure;
+
+/// A symmetric matrix of B × B blocks: the diagonal and what is below it, in the order of elimination.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BlockMatrix<const B: usize> {
+    /// Diagonal blocks by position.
+    pub diagonal: Vec<SMatrix<f64, B, B>>,
+    /// Blocks below the diagonal by [`Structure::slot`].
+    pub below: Vec<SMatrix<f64, B, B>>,
+}
+
+impl<const B: usize> BlockMatrix<B> {
+    /// Zeros.
+    pub fn new(structure: &Structure) -> Self {
+        let zeros = SMatrix::zeros();
+        Self { diagonal: vec![zeros; structure.blocks()], below: vec![zeros; structure.pairs()] }
+    }
+
+    /// All numbers zero again.
+    pub fn clear(&mut self) {
+        self.diagonal.fill(SMatrix::zeros());
+        self.below.fill(SMatrix::zeros());
+    }
+
+    /// xᵀ A x, for x by position.
+    pub fn quadratic(&self, structure: &Structure, x: &[f64]) -> f64 {
+        let at = |i: usize| nalgebra::SVector::<f64, B>::from_column_slice(&x[i * B..(i + 1) * B]);
+        let mut sum = 0.0;
+        for (column, block) in self.diagonal.iter().enumerate() {
+            let right = at(column);
+            sum += right.dot(&(block * right));
+            for slot in structure.starts[column]..structure.starts[column + 1] {
+                let left = at(structure.below[slot] as usize);
+                sum += 2.0 * left.dot(&(self.below[slot] * right));
+            }
+        }
+        sum
+    }
+}
