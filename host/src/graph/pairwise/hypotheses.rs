@@ -7,9 +7,8 @@
 
 use super::constraints::{Constraint, Constraints};
 use super::motion::Motion;
-use super::solve::solve;
 use crate::graph::joint::tangent::local;
-use crate::graph::pose::PoseGraph;
+use crate::graph::pose::{Options, PoseGraph, optimize};
 use crate::space::Pose;
 
 /// Rounds of choosing and solving.
@@ -79,7 +78,7 @@ impl<G: Motion<D>, const D: usize> Constraints<G, D> {
         let mut best = self.judged(nodes);
         for _ in 0..ROUNDS {
             let mut graph = self.graph(&best);
-            solve(&mut graph)?;
+            optimize(&mut graph, &Options::default()).ok()?;
             let next = self.judged(graph.poses);
             let done = next.followed == best.followed && next.similar == best.similar;
             if next.cost.is_finite() && next.cost <= best.cost + 1e-9 {

@@ -16,17 +16,18 @@ pub mod clustering;
 pub mod constraints;
 pub mod covariance;
 pub mod hypotheses;
+pub mod marginals;
 pub mod motion;
 pub mod registration;
 pub mod segmentation;
 pub mod similarity;
-mod solve;
 
 use nalgebra::Matrix6;
 use tactile_core::track::Status;
 
 use self::constraints::{Front, Rules, frames};
 use self::hypotheses::{poses, weights};
+use self::marginals::marginals;
 use self::motion::{Motion, adjoint, carried};
 use self::similarity::{Touched, similar};
 use super::joint::problem::Problem;
@@ -77,7 +78,7 @@ pub struct Corrected {
     pub explanations: Vec<Explanation>,
     /// The face of each usable contact in the log's order; `None` where it lies on none.
     pub faces: Vec<Option<usize>>,
-    /// Pairs of grasps, how often an edge joins them: one each.
+    /// The pairs of grasps that edges join.
     pub edges: Vec<[usize; 2]>,
     /// How many edges the likeliest explanation refuses.
     pub refused: usize,
@@ -182,7 +183,7 @@ fn once<G: Motion<D>, const D: usize>(
         constraints.hypotheses(front.nodes())
     };
     let best = found.first()?;
-    let covariances = solve::covariances(&constraints.graph(best))?;
+    let doubts = marginals(&constraints.graph(best))?;
     let explanations: Vec<Explanation> = found
         .iter()
         .zip(weights(&found))
@@ -192,9 +193,9 @@ fn once<G: Motion<D>, const D: usize>(
     for (k, step) in steps.iter().enumerate() {
         // x = C y⁻¹: what moves y in its own axes moves x in the object's.
         let ad = adjoint(&best.nodes[k].pose());
-        let [marginal, given] = covariances[k].map(|c| carried(&six_by_six(&c), &ad));
-        given_others.push(given);
-        corrected.push(judged(step, k, &explanations, marginal));
+        let turned = |own| carried(&six_by_six(&own), &ad);
+        given_others.push(turned(doubts[k].given_others));
+        corrected.push(judged(step, k, &explanations, turned(doubts[k].marginal)));
     }
     let ends = |c: &constraints::Constraint<G, D>| {
         c.choices.first().map(|c| [c.edge.from, c.edge.to])
@@ -235,7 +236,7 @@ fn same(a: &Pose, b: &Pose) -> bool {
     apart.fixed_rows::<3>(0).norm() < SAME[0] && apart.fixed_rows::<3>(3).norm() < SAME[1]
 }
 
-/// The face of every usable contact: a segment of the outline in the plane, a cluster in space.
+/// The face of every usable contact, where the poses of `placing` put it as surely as they say.
 fn faces(
     log: &GraspLog,
     problem: &Problem,
@@ -252,11 +253,16 @@ fn faces(
         }
     };
     let contacts: Vec<Contact> = (0..problem.felt.len()).map(placed).collect();
+    faces_at(log, &contacts)
+}
+
+/// The face of every contact (object frame): a segment of the outline in the plane, a cluster in space.
+pub fn faces_at(log: &GraspLog, contacts: &[Contact]) -> Vec<Option<usize>> {
     if log.dimension == 3 {
-        return clustering::clusters(&contacts);
+        return clustering::clusters(contacts);
     }
     let tolerance = TOLERANCE * usual_deviations(&log.noise).0;
-    let segments = match shape(log.dimension, &contacts, &[], Choice::Auto, &|_, _| ()) {
+    let segments = match shape(log.dimension, contacts, &[], Choice::Auto, &|_, _| ()) {
         Ok((_, Geometry::Outline(outline), _)) => {
             segmentation::segments(&outline, tolerance).unwrap_or_default()
         }
@@ -266,7 +272,7 @@ fn faces(
 }
 
 /// The contacts with normals, by grasp, in the grasps' frames.
-fn touched(problem: &Problem, frames: &[Pose], faces: &[Option<usize>]) -> Vec<Touched> {
+pub fn touched(problem: &Problem, frames: &[Pose], faces: &[Option<usize>]) -> Vec<Touched> {
     let of = |k: usize| {
         let mut own = Touched::default();
         for i in problem.of(k) {
