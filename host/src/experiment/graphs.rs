@@ -14,8 +14,8 @@ use serde::Serialize;
 use super::tracking::judge::{Judgement, Truth, judge};
 use super::tracking::{full_noise, mujoco};
 use super::{Picture, Spread, with_room};
-use crate::graph::pairwise::{self, constraints::Rules};
 use crate::graph;
+use crate::graph::pairwise::{self, constraints::Rules};
 use crate::log::GraspLog;
 use crate::quantity::Deviation;
 use crate::sim::{ObjectSpec, Options, SimError, simulate};
@@ -149,12 +149,13 @@ impl Method {
         let rules = Rules { most, as_printed: self == Method::Printed };
         let found = match self {
             Method::Filter => None,
-            Method::Planes => graph::Kind::Planes.correct(log, steps).map(|c| (c.relative, 0, false)),
+            Method::Planes => {
+                graph::Kind::Planes.correct(log, steps).map(|c| (c.relative, 0, false))
+            }
             Method::Printed | Method::Pairwise => pairwise::correct_by(log, steps, rules)
                 .map(|c| (c.relative(), c.edges.len(), c.is_ambiguous())),
         };
-        let (steps, constraints, ambiguous) =
-            found.unwrap_or_else(|| (steps.to_vec(), 0, false));
+        let (steps, constraints, ambiguous) = found.unwrap_or_else(|| (steps.to_vec(), 0, false));
         Poses { steps, constraints, ambiguous }
     }
 }
@@ -380,8 +381,7 @@ fn line(
         let poses = method.poses(log, steps, most);
         (judge(log, &poses.steps, truth), poses)
     };
-    let found: Vec<(Option<Judgement>, Poses)> =
-        with_room(|| runs.par_iter().map(one).collect());
+    let found: Vec<(Option<Judgement>, Poses)> = with_room(|| runs.par_iter().map(one).collect());
     let judged: Vec<Judgement> = found.iter().filter_map(|f| f.0).collect();
     let spread = |f: fn(&Judgement) -> Option<f64>| Spread::of(judged.iter().filter_map(f));
     let graph = matches!(method, Method::Printed | Method::Pairwise);

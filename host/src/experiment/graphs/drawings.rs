@@ -6,9 +6,9 @@ use std::f64::consts::TAU;
 use nalgebra::Point3;
 
 use super::{Drawn, FigureError, Subject};
-use crate::experiment::with_room;
 use crate::experiment::Spread;
 use crate::experiment::tracking::judge::gauge;
+use crate::experiment::with_room;
 use crate::graph::joint::problem::Problem;
 use crate::graph::joint::tangent::local;
 use crate::graph::pairwise::alternatives::labelled;
@@ -34,11 +34,7 @@ const OFF: [f64; 2] = [4e-3, 0.12];
 const CONTACTS: usize = 120;
 
 /// Nodes around the object, lines for edges.
-pub(super) fn graph(
-    title: &str,
-    objects: &[&str],
-    drawn: &mut Drawn,
-) -> Result<(), FigureError> {
+pub(super) fn graph(title: &str, objects: &[&str], drawn: &mut Drawn) -> Result<(), FigureError> {
     let mut panels = Vec::new();
     for object in objects {
         let subject = Subject::new(object, 50.0)?;
@@ -159,9 +155,8 @@ fn sides_of(geometry: &Geometry, contacts: &[Contact]) -> Vec<usize> {
     let mut planes: Vec<(Point, f64)> = Vec::new();
     let mut number = |point: &Point, normal: &Point| {
         let offset = normal.dot(point);
-        let known = planes
-            .iter()
-            .position(|(n, o)| n.dot(normal) > 0.999 && (o - offset).abs() < 1e-4);
+        let known =
+            planes.iter().position(|(n, o)| n.dot(normal) > 0.999 && (o - offset).abs() < 1e-4);
         known.unwrap_or_else(|| {
             planes.push((*normal, offset));
             planes.len() - 1
@@ -278,8 +273,7 @@ fn aligned(log: &GraspLog, steps: &[Step], seed: u64) -> Vec<Aligned> {
             let apart = local(&exact, pose);
             [apart.fixed_rows::<3>(0).norm(), apart.fixed_rows::<3>(3).norm()]
         };
-        let corrected =
-            frames[j] * registered.pose.inverse() * frames[i].inverse() * poses[i];
+        let corrected = frames[j] * registered.pose.inverse() * frames[i].inverse() * poses[i];
         found.push(Aligned {
             grasps: [i, j],
             off,

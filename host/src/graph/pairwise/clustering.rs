@@ -182,7 +182,8 @@ mod tests {
             let at = |k: usize| 2.0 * (k as f64 + 0.5) / count as f64 - 1.0;
             let sway = |k: f64| ((number + i) as f64 * k).sin();
             let p = middle + u * at(i % count) + v * at(i / count) + normal * (1e-3 * sway(7.1));
-            let n = normal + u.normalize() * (0.08 * sway(3.3)) + v.normalize() * (0.08 * sway(5.7));
+            let n =
+                normal + u.normalize() * (0.08 * sway(3.3)) + v.normalize() * (0.08 * sway(5.7));
             out.push(touch(p.into(), n.into()));
         }
     }
@@ -234,7 +235,10 @@ mod tests {
         side([-0.02, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.03, 0.0], 4, &mut step);
         side([0.02, 0.0, 0.03], [0.02, 0.0, 0.0], [0.0, 0.03, 0.0], 4, &mut step);
         let treads = clusters(&step);
-        assert!(treads[..16].iter().all(|l| *l == treads[0]) && treads[16..].iter().all(|l| *l == treads[16]));
+        assert!(
+            treads[..16].iter().all(|l| *l == treads[0])
+                && treads[16..].iter().all(|l| *l == treads[16])
+        );
         assert_ne!(treads[0], treads[16]);
         // Two treads of one height with a tower between them.
         let mut gap = Vec::new();

@@ -231,7 +231,8 @@ impl Front<'_> {
                 let r = &other.registered;
                 if poses.iter().all(|p| !same(p, &r.pose)) {
                     // The object's pose after that step.
-                    let to = self.frames[k] * r.pose.inverse() * self.frames[k - 1].inverse() * before;
+                    let to =
+                        self.frames[k] * r.pose.inverse() * self.frames[k - 1].inverse() * before;
                     let cost = astray(&to) + 0.5 * (r.chi2 - least);
                     choices.extend(choice(pair, &r.pose, &r.covariance, cost));
                     poses.push(r.pose);

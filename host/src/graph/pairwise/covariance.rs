@@ -97,7 +97,8 @@ mod tests {
         let covariance = root * root.transpose();
         let information = covariance.try_inverse().unwrap();
         let found = sampled(&covariance, |x| x.dot(&(information * x))).unwrap();
-        let whitened = root.try_inverse().unwrap() * found * root.try_inverse().unwrap().transpose();
+        let whitened =
+            root.try_inverse().unwrap() * found * root.try_inverse().unwrap().transpose();
         assert!((whitened - Matrix3::identity()).amax() < 0.1, "{whitened}");
         let six = SMatrix::<f64, 6, 6>::identity();
         let found = sampled(&six, SVector::norm_squared).unwrap();

@@ -197,9 +197,8 @@ fn once<G: Motion<D>, const D: usize>(
         given_others.push(turned(doubts[k].given_others));
         corrected.push(judged(step, k, &explanations, turned(doubts[k].marginal)));
     }
-    let ends = |c: &constraints::Constraint<G, D>| {
-        c.choices.first().map(|c| [c.edge.from, c.edge.to])
-    };
+    let ends =
+        |c: &constraints::Constraint<G, D>| c.choices.first().map(|c| [c.edge.from, c.edge.to]);
     Some(Corrected {
         steps: corrected,
         given_others,

@@ -268,10 +268,9 @@ fn descend<const D: usize>(
             next = displaced(&pose, &(step * part));
         }
         if step.norm() < SETTLED || part < 1e-2 && step.norm() * part < 1e-6 {
-            let covariance = covariance::sampled(&factor.inverse(), |x| {
-                cost(&displaced(&pose, x)) - now
-            })
-            .ok_or(RegistrationError::Unobservable)?;
+            let covariance =
+                covariance::sampled(&factor.inverse(), |x| cost(&displaced(&pose, x)) - now)
+                    .ok_or(RegistrationError::Unobservable)?;
             // A pair tells one offset and dimension − 1 turns; what it shares with others counts once.
             let told: f64 = matches.iter().map(|m| m.weight * dimension as f64).sum();
             return Ok(Registered {

@@ -141,8 +141,7 @@ fn farthest(vertices: &[[f64; 2]]) -> [usize; 2] {
             let apart = (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
             let [least, next]: [usize; 2] = best.0;
             let earlier = || {
-                before(a, &vertices[least])
-                    || *a == vertices[least] && before(b, &vertices[next])
+                before(a, &vertices[least]) || *a == vertices[least] && before(b, &vertices[next])
             };
             if apart > best.1 || apart == best.1 && earlier() {
                 best = ([i, j], apart);
@@ -206,8 +205,7 @@ mod tests {
         vertices
     }
 
-    const RECTANGLE: [[f64; 2]; 4] =
-        [[-0.06, -0.03], [0.06, -0.03], [0.06, 0.03], [-0.06, 0.03]];
+    const RECTANGLE: [[f64; 2]; 4] = [[-0.06, -0.03], [0.06, -0.03], [0.06, 0.03], [-0.06, 0.03]];
 
     fn hexagon() -> Vec<[f64; 2]> {
         let corner = |k: usize| std::f64::consts::FRAC_PI_3 * (k as f64 + 0.3);
@@ -232,7 +230,9 @@ mod tests {
             let found = segments(&outline, 2e-3).unwrap();
             assert_eq!(found.len(), sides);
             for segment in &found {
-                let near = |end: &Point| corners.iter().any(|c| (end - Point::new(c[0], c[1], 0.0)).norm() < 2e-3);
+                let near = |end: &Point| {
+                    corners.iter().any(|c| (end - Point::new(c[0], c[1], 0.0)).norm() < 2e-3)
+                };
                 assert!(segment.ends.iter().all(near), "{segment:?}");
                 let middle = (segment.ends[0] + segment.ends[1]) / 2.0;
                 let outside = middle + segment.normal * 5e-3;

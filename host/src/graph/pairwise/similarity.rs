@@ -36,7 +36,8 @@ impl Touched {
 
     /// The contacts on a face.
     pub fn on(&self, face: usize) -> impl Iterator<Item = &Contact> {
-        let own = move |(c, f): (&'_ Contact, &Option<usize>)| *f == Some(face) && c.normal.is_some();
+        let own =
+            move |(c, f): (&'_ Contact, &Option<usize>)| *f == Some(face) && c.normal.is_some();
         self.contacts.iter().zip(&self.faces).filter(move |(c, f)| own((c, f))).map(|(c, _)| c)
     }
 }

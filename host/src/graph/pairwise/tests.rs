@@ -52,13 +52,14 @@ fn mean(errors: &[[f64; 2]], which: usize) -> f64 {
 
 #[test]
 fn a_drift_is_corrected() {
-    for object in ["rectangle:0.10x0.06", "corners:-0.05x-0.03,0.045x-0.035,0.055x0.02,-0.03x0.04"] {
+    for object in ["rectangle:0.10x0.06", "corners:-0.05x-0.03,0.045x-0.035,0.055x0.02,-0.03x0.04"]
+    {
         let log = simulate(&everywhere(object, 8, 3)).unwrap().log;
-        let steps = drifting(&log, 1.5e-3, 0.04);
+        let steps = drifting(&log, 3e-3, 0.04);
         let found = correct(&log, &steps).unwrap();
         let before = errors(&log, steps.iter().map(|s| s.pose));
         let after = errors(&log, found.steps.iter().map(|s| s.pose));
-        assert!(mean(&after, 0) < 0.6 * mean(&before, 0), "{object}: {before:?} {after:?}");
+        assert!(mean(&after, 0) < 0.7 * mean(&before, 0), "{object}: {before:?} {after:?}");
         assert!(mean(&after, 1) < 0.6 * mean(&before, 1), "{object}: {before:?} {after:?}");
         assert!(!found.is_ambiguous() && found.explanations[0].weight > 0.9, "{object}");
         // The first pose defines the frame; no other is more certain than it was.
@@ -167,7 +168,7 @@ fn grasps_that_say_too_little_have_no_alternatives() {
 fn slipping(slip: f64) -> (GraspLog, Vec<Step>) {
     let mut log = simulate(&options("hexagon:0.045", 0)).unwrap().log;
     log.grasps.truncate(10);
-    log.noise.rotation = Some(0.35);
+    log.noise.rotation = Some(0.2);
     log.noise.translation = Some(0.01);
     let mut steps = Vec::new();
     for (k, grasp) in log.grasps.iter_mut().enumerate() {
