@@ -24,6 +24,12 @@ pub trait Group<const D: usize>:
     /// Dimension of the space: 2 or 3.
     const DIMENSION: usize;
 
+    /// The motion with what derivatives need of it computed once.
+    type Frame: Copy + std::fmt::Debug + Send + Sync;
+
+    /// This motion's frame.
+    fn frame(&self) -> Self::Frame;
+
     /// The motion that moves nothing.
     fn identity() -> Self;
 
@@ -48,7 +54,16 @@ pub trait Group<const D: usize>:
     fn error(from: &Self, to: &Self, measured: &Self) -> SVector<f64, D>;
 
     /// [`error`](Group::error) with its derivatives.
-    fn linearise(from: &Self, to: &Self, measured: &Self) -> Linearised<D>;
+    fn linearise(from: &Self, to: &Self, measured: &Self) -> Linearised<D> {
+        Self::linearise_frames(&from.frame(), &to.frame(), &measured.frame())
+    }
+
+    /// [`linearise`](Group::linearise) between frames, where many edges meet in a pose.
+    fn linearise_frames(
+        from: &Self::Frame,
+        to: &Self::Frame,
+        measured: &Self::Frame,
+    ) -> Linearised<D>;
 
     /// Whether every number is finite.
     fn is_finite(&self) -> bool;
@@ -82,11 +97,6 @@ pub fn wrapped(angle: f64) -> f64 {
     if turns <= -PI { turns + TAU } else { turns }
 }
 
-fn rotation(angle: f64) -> Matrix2<f64> {
-    let (sin, cos) = angle.sin_cos();
-    Matrix2::new(cos, -sin, sin, cos)
-}
-
 fn turned(angle: f64, v: Vector2<f64>) -> Vector2<f64> {
     let (sin, cos) = angle.sin_cos();
     Vector2::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y)
@@ -99,8 +109,25 @@ impl Se2 {
     }
 }
 
+/// A motion of the plane and its rotation's cosine and sine.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame2 {
+    translation: Vector2<f64>,
+    angle: f64,
+    cos: f64,
+    sin: f64,
+}
+
+impl Frame2 {
+    /// A direction of the world in the axes of the frame.
+    fn back(&self, v: Vector2<f64>) -> Vector2<f64> {
+        Vector2::new(self.cos * v.x + self.sin * v.y, self.cos * v.y - self.sin * v.x)
+    }
+}
+
 impl Group<3> for Se2 {
     const DIMENSION: usize = 2;
+    type Frame = Frame2;
 
     fn identity() -> Self {
         Self::new(0.0, 0.0, 0.0)
@@ -126,37 +153,24 @@ impl Group<3> for Se2 {
         SVector::<f64, 3>::new(error.translation.x, error.translation.y, error.angle)
     }
 
-    fn linearise(from: &Self, to: &Self, measured: &Self) -> Linearised<3> {
-        let seen = turned(-from.angle, to.translation - from.translation);
+    fn frame(&self) -> Frame2 {
+        let (sin, cos) = self.angle.sin_cos();
+        Frame2 { translation: self.translation, angle: self.angle, cos, sin }
+    }
+
+    #[inline]
+    fn linearise_frames(from: &Frame2, to: &Frame2, measured: &Frame2) -> Linearised<3> {
+        let seen = from.back(to.translation - from.translation);
+        let t = measured.back(seen - measured.translation);
+        let swing = measured.back(Vector2::new(seen.y, -seen.x));
+        // The first column of the error's rotation.
+        let turn = measured.back(from.back(Vector2::new(to.cos, to.sin)));
+        let (cos, sin) = (measured.cos, measured.sin);
         let angle = wrapped(to.angle - from.angle - measured.angle);
-        let back = rotation(-measured.angle);
-        let t = back * (seen - measured.translation);
-        let swing = back * Vector2::new(seen.y, -seen.x);
-        let turn = rotation(angle);
         Linearised {
             error: SVector::<f64, 3>::new(t.x, t.y, angle),
-            from: Matrix3::new(
-                -back[(0, 0)],
-                -back[(0, 1)],
-                swing.x, //
-                -back[(1, 0)],
-                -back[(1, 1)],
-                swing.y, //
-                0.0,
-                0.0,
-                -1.0,
-            ),
-            to: Matrix3::new(
-                turn[(0, 0)],
-                turn[(0, 1)],
-                0.0, //
-                turn[(1, 0)],
-                turn[(1, 1)],
-                0.0, //
-                0.0,
-                0.0,
-                1.0,
-            ),
+            from: Matrix3::new(-cos, -sin, swing.x, sin, -cos, swing.y, 0.0, 0.0, -1.0),
+            to: Matrix3::new(turn.x, -turn.y, 0.0, turn.y, turn.x, 0.0, 0.0, 0.0, 1.0),
         }
     }
 
@@ -178,6 +192,7 @@ impl Se3 {
 
 impl Group<6> for Se3 {
     const DIMENSION: usize = 3;
+    type Frame = Self;
 
     fn identity() -> Self {
         Self { translation: Vector3::zeros(), rotation: UnitQuaternion::identity() }
@@ -212,7 +227,12 @@ impl Group<6> for Se3 {
         SVector::<f64, 6>::new(t.x, t.y, t.z, v.x, v.y, v.z)
     }
 
-    fn linearise(from: &Self, to: &Self, measured: &Self) -> Linearised<6> {
+    fn frame(&self) -> Self {
+        *self
+    }
+
+    #[inline]
+    fn linearise_frames(from: &Self, to: &Self, measured: &Self) -> Linearised<6> {
         let from_back = from.rotation.inverse();
         let seen = from_back * (to.translation - from.translation);
         let back = measured.rotation.inverse();

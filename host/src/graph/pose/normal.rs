@@ -101,12 +101,13 @@ impl<const D: usize> Normal<D> {
     }
 
     /// Linearises all edges about `poses` and returns the cost there. With `gradient_only` the matrix
-    /// stays what it is.
+    /// stays what it is. `measured` are the edges' measurements.
     pub fn linearise<G: Group<D>>(
         &mut self,
         layout: &Layout,
         graph: &PoseGraph<G, D>,
-        poses: &[G],
+        measured: &[G::Frame],
+        poses: &[G::Frame],
         cost: Cost,
         gradient_only: bool,
     ) -> f64 {
@@ -116,7 +117,8 @@ impl<const D: usize> Normal<D> {
         }
         let mut total = 0.0;
         for (index, edge) in graph.edges.iter().enumerate() {
-            let at = G::linearise(&poses[edge.from], &poses[edge.to], &edge.measured);
+            let (from, to) = (&poses[edge.from], &poses[edge.to]);
+            let at = G::linearise_frames(from, to, &measured[index]);
             let pull = edge.information * at.error;
             let (own, weight) = cost.of(index, at.error.dot(&pull));
             total += own;

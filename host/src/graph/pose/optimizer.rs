@@ -31,8 +31,9 @@ pub struct Options {
     pub kernel: Kernel,
     /// Steps tried at most, accepted or not.
     pub max_iterations: usize,
-    /// Converged when the linearised cost promises to fall by no more than this share of the cost:
-    /// gᵀ H⁻¹ g ≤ tolerance · cost.
+    /// Converged when the linearised cost promises to fall by no more than this share of the cost,
+    /// gᵀ H⁻¹ g ≤ tolerance · cost, and that last step is taken too: what is left then is smaller by
+    /// some orders of magnitude again.
     pub tolerance: f64,
 }
 
@@ -42,7 +43,7 @@ impl Default for Options {
             method: Method::default(),
             kernel: Kernel::default(),
             max_iterations: 100,
-            tolerance: 1e-10,
+            tolerance: 1e-8,
         }
     }
 }
@@ -199,14 +200,15 @@ impl<const D: usize> Optimizer<D> {
     ) -> Result<Summary, Error> {
         self.check(graph, weights, options)?;
         let cost = Cost { kernel: options.kernel, weights };
-        let initial_chi2 = graph.chi2();
         let mut poses = graph.poses.clone();
         let mut search = Search {
-            graph,
+            graph: &*graph,
             cost,
             options,
             watch,
             solver: self,
+            measured: graph.edges.iter().map(|e| e.measured.frame()).collect(),
+            frames: Vec::with_capacity(poses.len()),
             trial: poses.clone(),
             steps: Vec::new(),
             factorisations: 0,
@@ -217,8 +219,10 @@ impl<const D: usize> Optimizer<D> {
             Method::Dogleg => search.dogleg(&mut poses)?,
         };
         let (steps, factorisations) = (search.steps, search.factorisations);
+        let plain = options.kernel == Kernel::Identity && weights.is_none();
+        let initial_chi2 = if plain { initial_cost } else { graph.chi2() };
         graph.poses = poses;
-        let final_chi2 = graph.chi2();
+        let final_chi2 = if plain { final_cost } else { graph.chi2() };
         Ok(Summary {
             initial_chi2,
             final_chi2,
@@ -273,12 +277,14 @@ impl<const D: usize> Optimizer<D> {
 }
 
 /// One optimisation under way.
-struct Search<'a, G, const D: usize> {
+struct Search<'a, G: Group<D>, const D: usize> {
     graph: &'a PoseGraph<G, D>,
     cost: Cost<'a>,
     options: &'a Options,
     watch: &'a mut dyn FnMut(&Iteration),
     solver: &'a mut Optimizer<D>,
+    measured: Vec<G::Frame>,
+    frames: Vec<G::Frame>,
     trial: Vec<G>,
     steps: Vec<Iteration>,
     factorisations: usize,
@@ -290,11 +296,24 @@ type Outcome = Result<(f64, f64, Stop), Error>;
 /// A step that makes the cost rise by no more than rounding does not count as rising.
 const ROUNDING: f64 = 1e-13;
 
+/// A factor is kept for the next step where this one promises to lower the cost by no more than this
+/// share,
+const SETTLED: f64 = 0.03;
+
+/// what it lowers differs from its promise by no more than this share of it,
+const KEPT: f64 = 0.1;
+
+/// and the next step promises no more than this share of what this one did.
+const CONTRACTION: f64 = 0.1;
+
 impl<G: Group<D>, const D: usize> Search<'_, G, D> {
     /// H, g and the cost at `poses`.
     fn linearise(&mut self, poses: &[G], gradient_only: bool) -> f64 {
+        self.frames.clear();
+        self.frames.extend(poses.iter().map(G::frame));
         let Optimizer { layout, normal, .. } = &mut *self.solver;
-        normal.linearise(layout, self.graph, poses, self.cost, gradient_only)
+        let (measured, frames) = (&self.measured, &self.frames);
+        normal.linearise(layout, self.graph, measured, frames, self.cost, gradient_only)
     }
 
     fn factorise(&mut self, damping: f64) -> Result<(), NotPositive> {
@@ -341,19 +360,29 @@ impl<G: Group<D>, const D: usize> Search<'_, G, D> {
         self.steps.push(step);
     }
 
+    /// The factor of a matrix serves as long as its steps do what they promise: from there on the
+    /// matrix hardly changes, and a step with the old factor costs a fraction of a new one.
     fn gauss_newton(&mut self, poses: &mut Vec<G>) -> Outcome {
         let initial = self.start(poses)?;
         let mut cost = initial;
-        // Whether the factor is of the matrix at `poses`, and what the last step promised with it.
-        let mut fresh = false;
-        let mut last = f64::INFINITY;
+        // Whether the matrix is that of `poses`; and where the factor is that of an earlier one, what
+        // a step must promise not to exceed.
+        let mut current = true;
+        let mut reuse: Option<f64> = None;
         while self.steps.len() < self.options.max_iterations {
-            if !fresh {
+            if reuse.is_none() {
+                if !std::mem::replace(&mut current, true) {
+                    self.linearise(poses, false);
+                }
                 self.factorise(0.0).map_err(|at| self.unconstrained(at))?;
             }
             let (step, promised) = self.solve();
-            if !(promised > self.options.tolerance * cost) && promised >= 0.0 {
-                // Nearly there: take what is promised if it is true.
+            if reuse.is_some_and(|most| promised > most) {
+                reuse = None;
+                continue;
+            }
+            if promised <= self.options.tolerance * cost {
+                // Nearly there: the last step is taken if it keeps its promise.
                 self.displace(poses, &step, 1.0);
                 let reached = self.cost.total(self.graph, &self.trial);
                 if reached < cost {
@@ -363,31 +392,37 @@ impl<G: Group<D>, const D: usize> Search<'_, G, D> {
                 }
                 return Ok((initial, cost, Stop::Converged));
             }
-            let _ = (last, fresh);
+            // Where little is left to be gained, the next step is likely to do without the matrix.
+            let settled = reuse.is_some() || promised < SETTLED * cost;
             let mut share = 1.0;
-            let reached = loop {
+            loop {
                 self.displace(poses, &step, share);
                 let trial = std::mem::take(&mut self.trial);
-                let reached = self.linearise(&trial, false);
+                let reached = self.linearise(&trial, settled);
                 self.trial = trial;
                 if reached <= cost * (1.0 + ROUNDING) {
-                    break Some(reached);
+                    std::mem::swap(poses, &mut self.trial);
+                    self.report(reached, promised, cost - reached, share);
+                    let kept = (cost - reached) / promised;
+                    let served = settled && share == 1.0 && (kept - 1.0).abs() < KEPT;
+                    reuse = served.then_some(CONTRACTION * promised);
+                    current = !settled;
+                    cost = reached;
+                    break;
                 }
                 self.report(cost, promised, cost - reached, share);
-                share *= 0.5;
-                if share < 1e-6 || self.steps.len() >= self.options.max_iterations {
-                    break None;
+                current = false;
+                if self.steps.len() >= self.options.max_iterations {
+                    return Ok((initial, cost, Stop::Iterations));
                 }
-            };
-            let Some(reached) = reached else {
-                let full = self.steps.len() >= self.options.max_iterations;
-                return Ok((initial, cost, if full { Stop::Iterations } else { Stop::Stalled }));
-            };
-            std::mem::swap(poses, &mut self.trial);
-            self.report(reached, promised, cost - reached, share);
-            cost = reached;
-            last = promised;
-            fresh = false;
+                if reuse.take().is_some() {
+                    break;
+                }
+                share *= 0.5;
+                if share < 1e-6 {
+                    return Ok((initial, cost, Stop::Stalled));
+                }
+            }
         }
         Ok((initial, cost, Stop::Iterations))
     }

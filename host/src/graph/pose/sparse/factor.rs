@@ -28,55 +28,52 @@ pub struct Factor<const B: usize> {
     reciprocals: Vec<f64>,
     /// Least acceptable pivots.
     least: Vec<f64>,
-    /// What supernodes leave to their parents, one above the other.
-    updates: Vec<f64>,
-    /// Where each supernode puts its own: below is free again by then.
-    places: Vec<Place>,
+    /// What supernodes leave to their parents until these have gathered it. Parents and children
+    /// are on different stacks: while one grows by the parent's, the children's leave the other.
+    stacks: [Vec<f64>; 2],
+    /// Where in its stack each supernode leaves its own.
+    updates: Vec<usize>,
+    /// Whether that is the second stack.
+    odd: Vec<bool>,
 }
 
-/// Where in the stack of updates a supernode works.
-#[derive(Clone, Copy, Debug)]
-struct Place {
-    /// The children's updates start here, and here the supernode's own ends up.
-    base: usize,
-    /// Above the children's: the supernode's own while they are needed.
-    top: usize,
+/// Numbers a supernode leaves to its parent.
+fn size<const B: usize>(node: &Supernode) -> usize {
+    padded(node.rows.len() * B) * node.rows.len() * B
 }
 
 impl<const B: usize> Factor<B> {
     /// Room for factors of matrices with this structure.
     pub fn new(structure: &Structure) -> Self {
+        let nodes = &structure.nodes;
         let mut starts = vec![0];
-        let (mut places, mut height, mut end) = (Vec::new(), 0, 0);
-        // Bases of updates that wait for their parent: subtrees are contiguous, so children's are
-        // the last on the stack.
-        let mut waiting: Vec<usize> = Vec::new();
-        for node in &structure.nodes {
+        for node in nodes {
             let (columns, rows) = (node.columns * B, node.rows.len() * B);
-            end += columns * stride(columns, rows);
-            starts.push(end);
-            let top = height;
-            let first = waiting.len() - node.children.len();
-            let base = waiting.get(first).copied().unwrap_or(top);
-            waiting.truncate(first);
-            places.push(Place { base, top });
-            height = base;
-            if node.parent.is_some() {
-                waiting.push(base);
-                height += padded(rows) * padded(rows);
-            }
+            starts.push(starts[starts.len() - 1] + columns * stride(columns, rows));
         }
-        let most = |(node, place): (&Supernode, &Place)| {
-            place.top + padded(node.rows.len() * B) * padded(node.rows.len() * B)
-        };
-        let updates = structure.nodes.iter().zip(&places).map(most).max().unwrap_or(0);
+        let mut odd = vec![false; nodes.len()];
+        for at in (0..nodes.len()).rev() {
+            odd[at] = nodes[at].parent.is_some_and(|parent| !odd[parent]);
+        }
+        // The heights of the two stacks, and the most they reach.
+        let (mut heights, mut most) = ([0; 2], [0; 2]);
+        let mut updates = Vec::with_capacity(nodes.len());
+        for (node, &odd) in nodes.iter().zip(&odd) {
+            let stack = usize::from(odd);
+            updates.push(heights[stack]);
+            heights[stack] += size::<B>(node);
+            most[stack] = most[stack].max(heights[stack]);
+            let children = &structure.children[node.children.clone()];
+            heights[1 - stack] -= children.iter().map(|&c| size::<B>(&nodes[c as usize])).sum::<usize>();
+        }
         Self {
-            panels: vec![0.0; end],
+            panels: vec![0.0; starts[nodes.len()]],
             starts,
             reciprocals: vec![0.0; structure.blocks() * B],
             least: vec![0.0; structure.blocks() * B],
-            updates: vec![0.0; updates],
-            places,
+            stacks: most.map(|most| vec![0.0; most]),
+            updates,
+            odd,
         }
     }
 
@@ -155,18 +152,17 @@ impl<const B: usize> Work for Factorise<'_, B> {
             let (columns, rows) = (node.columns * B, node.rows.len() * B);
             let stride = stride(columns, rows);
             let panel = &mut factor.panels[factor.starts[at]..factor.starts[at + 1]];
-            let Place { base, top } = factor.places[at];
-            let size = padded(rows) * padded(rows);
-            let (children, own) = factor.updates.split_at_mut(top);
-            let own = &mut own[..size];
+            let [even, odd] = &mut factor.stacks;
+            let (own, children) = if factor.odd[at] { (odd, even) } else { (even, odd) };
+            let own = &mut own[factor.updates[at]..factor.updates[at] + size::<B>(node)];
             let leaf = node.children.is_empty();
             if !leaf {
                 own.fill(0.0);
-                for &child in &structure.children[node.children.clone()] {
-                    let from = &children[factor.places[child as usize].base..];
-                    let places = &structure.relative[structure.nodes[child as usize].rows.clone()];
-                    extend::<B>(from, places, panel, stride, node.columns, own, padded(rows));
-                }
+            }
+            for &child in &structure.children[node.children.clone()] {
+                let from = &children[factor.updates[child as usize]..];
+                let places = &structure.relative[structure.nodes[child as usize].rows.clone()];
+                extend::<B>(from, places, panel, stride, node.columns, own, padded(rows));
             }
             let range = node.first * B..node.first * B + columns;
             let least = &factor.least[range.clone()];
@@ -174,12 +170,7 @@ impl<const B: usize> Work for Factorise<'_, B> {
             front::eliminate(s, panel, stride, columns + rows, least, reciprocals).map_err(
                 |column| NotPositive { position: node.first + column / B, row: column % B },
             )?;
-            if node.parent.is_some() {
-                front::update(s, panel, stride, columns, own, rows, leaf);
-                if base != top {
-                    factor.updates.copy_within(top..top + size, base);
-                }
-            }
+            front::update(s, panel, stride, columns, own, rows, leaf);
         }
         Ok(())
     }

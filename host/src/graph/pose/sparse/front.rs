@@ -2,16 +2,18 @@
 //!
 //! A *front* is the lower triangle of a symmetric matrix, column after column, in two parts: the
 //! *panel* has the columns that are eliminated, with all their rows; the *update* has what the
-//! elimination leaves in the rows below. Columns are `stride` numbers apart, a multiple of
-//! [`LANES`], and the rows up to there are zeros, so that vectors need no special case at the end.
+//! elimination leaves in the rows below. Columns are a multiple of [`LANES`] numbers apart, so that
+//! vectors need no special case at the end; what is above the diagonal and beyond the last row is
+//! scratch.
 
 use crate::dense::simd::Simd;
 
-/// Numbers that are worked on together, at most: columns and rows are padded to a multiple.
-pub(super) const LANES: usize = 4;
+/// Numbers that are worked on together: rows are padded to a multiple.
+const LANES: usize = 4;
 
-/// Columns eliminated together.
-const CHUNK: usize = 4;
+/// Columns worked on together. With eight rows their sums fill the registers of AVX2, and blocks of
+/// three and six columns divide evenly.
+const CHUNK: usize = 6;
 
 /// `n` rounded up to a multiple of [`LANES`].
 pub(super) fn padded(n: usize) -> usize {
@@ -23,9 +25,9 @@ pub(super) fn stride(eliminated: usize, below: usize) -> usize {
     padded(eliminated + padded(below))
 }
 
-/// Replaces the panel (its first `reciprocals.len()` rows are the triangle) by the factor's columns.
-/// `least` are the pivots below which a column counts as dependent on those before: the first such
-/// is the error. `reciprocals` become one over the diagonal.
+/// Replaces the panel (its first `reciprocals.len()` rows are the triangle, `height` are all) by the
+/// factor's columns. `least` are the pivots below which a column counts as dependent on those
+/// before: the first such is the error. `reciprocals` become one over the diagonal.
 #[inline(always)]
 pub(super) fn eliminate<S: Simd>(
     s: S,
@@ -35,143 +37,150 @@ pub(super) fn eliminate<S: Simd>(
     least: &[f64],
     reciprocals: &mut [f64],
 ) -> Result<(), usize> {
-    let columns = reciprocals.len();
-    for first in (0..columns).step_by(CHUNK) {
-        let (least, reciprocals) = (&least[first..], &mut reciprocals[first..]);
+    for first in (0..reciprocals.len()).step_by(CHUNK) {
         let (done, rest) = panel.split_at_mut(first * stride);
-        let result = match columns - first {
-            1 => chunk::<S, 1>(s, done, rest, stride, height, first, least, reciprocals),
-            2 => chunk::<S, 2>(s, done, rest, stride, height, first, least, reciprocals),
-            3 => chunk::<S, 3>(s, done, rest, stride, height, first, least, reciprocals),
-            _ => chunk::<S, CHUNK>(s, done, rest, stride, height, first, least, reciprocals),
+        let panel = Panel { done, stride, height, first };
+        let (least, reciprocals) = (&least[first..], &mut reciprocals[first..]);
+        let result = match reciprocals.len() {
+            1 => panel.chunk::<S, 1>(s, rest, least, reciprocals),
+            2 => panel.chunk::<S, 2>(s, rest, least, reciprocals),
+            3 => panel.chunk::<S, 3>(s, rest, least, reciprocals),
+            4 => panel.chunk::<S, 4>(s, rest, least, reciprocals),
+            5 => panel.chunk::<S, 5>(s, rest, least, reciprocals),
+            _ => panel.chunk::<S, CHUNK>(s, rest, least, reciprocals),
         };
         result.map_err(|column| first + column)?;
     }
     Ok(())
 }
 
-/// Eliminates the columns `first .. first + C`, which `rest` begins with; `done` are those before.
-#[inline(always)]
-#[allow(clippy::too_many_arguments)]
-fn chunk<S: Simd, const C: usize>(
-    s: S,
-    done: &[f64],
-    rest: &mut [f64],
+/// A panel whose columns before `first` are done.
+struct Panel<'a> {
+    done: &'a [f64],
     stride: usize,
     height: usize,
     first: usize,
-    least: &[f64],
-    reciprocals: &mut [f64],
-) -> Result<(), usize> {
-    let rest = &mut rest[..C * stride];
-    let vectors = LANES / S::LANES;
-    // The triangle on the diagonal.
-    let mut corner = [[0.0; C]; C];
-    for c in 0..C {
-        for r in c..C {
-            corner[c][r] = rest[c * stride + first + r];
-        }
-    }
-    for column in done.chunks_exact(stride) {
-        let top = &column[first..first + C];
+}
+
+impl Panel<'_> {
+    /// Eliminates the next C columns, which `rest` begins with.
+    #[inline(always)]
+    fn chunk<S: Simd, const C: usize>(
+        &self,
+        s: S,
+        rest: &mut [f64],
+        least: &[f64],
+        reciprocals: &mut [f64],
+    ) -> Result<(), usize> {
+        let (stride, first) = (self.stride, self.first);
+        let rest = &mut rest[..C * stride];
+        // The triangle on the diagonal, by itself.
+        let mut corner = [[0.0; C]; C];
         for c in 0..C {
+            corner[c].copy_from_slice(&rest[c * stride + first..c * stride + first + C]);
+        }
+        for column in self.done.chunks_exact(stride) {
+            let top = &column[first..first + C];
+            for c in 0..C {
+                for r in 0..C {
+                    corner[c][r] -= top[c] * top[r];
+                }
+            }
+        }
+        for c in 0..C {
+            let pivot = corner[c][c];
+            if !(pivot > least[c]) || pivot == f64::INFINITY {
+                return Err(c);
+            }
+            let reciprocal = 1.0 / pivot.sqrt();
+            reciprocals[c] = reciprocal;
             for r in c..C {
-                corner[c][r] -= top[c] * top[r];
+                corner[c][r] *= reciprocal;
+            }
+            for later in c + 1..C {
+                for r in later..C {
+                    corner[later][r] -= corner[c][later] * corner[c][r];
+                }
+            }
+        }
+        // All rows from the triangle on, whose own come out as they are in `corner`.
+        let (mut row, end) = (first / LANES * LANES, padded(self.height));
+        while row + 2 * LANES <= end {
+            self.rows::<S, C>(s, rest, row, 2, &corner, reciprocals);
+            row += 2 * LANES;
+        }
+        if row < end {
+            self.rows::<S, C>(s, rest, row, 1, &corner, reciprocals);
+        }
+        Ok(())
+    }
+
+    /// [`tile`](Self::tile) for `lanes` × [`LANES`] rows.
+    #[inline(always)]
+    fn rows<S: Simd, const C: usize>(
+        &self,
+        s: S,
+        rest: &mut [f64],
+        row: usize,
+        lanes: usize,
+        corner: &[[f64; C]; C],
+        reciprocals: &[f64],
+    ) {
+        match lanes * LANES / S::LANES {
+            1 => self.tile::<S, 1, C>(s, rest, row, corner, reciprocals),
+            2 => self.tile::<S, 2, C>(s, rest, row, corner, reciprocals),
+            _ => self.tile::<S, 4, C>(s, rest, row, corner, reciprocals),
+        }
+    }
+
+    /// Rows of the chunk less their product with the columns done, divided by the triangle.
+    #[inline(always)]
+    fn tile<S: Simd, const V: usize, const C: usize>(
+        &self,
+        s: S,
+        rest: &mut [f64],
+        row: usize,
+        corner: &[[f64; C]; C],
+        reciprocals: &[f64],
+    ) {
+        let (stride, width) = (self.stride, V * S::LANES);
+        let mut x = load::<S, V, C>(s, rest, stride, row);
+        subtract::<S, V, C>(s, &mut x, self.done, stride, row, self.first);
+        for c in 0..C {
+            for p in 0..c {
+                let factor = s.splat(corner[p][c]);
+                for v in 0..V {
+                    x[c][v] = s.mul_sub(x[p][v], factor, x[c][v]);
+                }
+            }
+            let reciprocal = s.splat(reciprocals[c]);
+            let column = &mut rest[c * stride + row..c * stride + row + width];
+            for v in 0..V {
+                x[c][v] = s.mul(x[c][v], reciprocal);
+                s.store(x[c][v], &mut column[v * S::LANES..]);
             }
         }
     }
-    for c in 0..C {
-        for p in 0..c {
-            for r in c..C {
-                corner[c][r] -= corner[p][c] * corner[p][r];
-            }
-        }
-        if !(corner[c][c] > least[c]) || corner[c][c] == f64::INFINITY {
-            return Err(c);
-        }
-        let pivot = corner[c][c].sqrt();
-        reciprocals[c] = 1.0 / pivot;
-        corner[c][c] = pivot;
-        for r in c + 1..C {
-            corner[c][r] *= reciprocals[c];
-        }
-    }
-    // All rows from the triangle on, whose own come out as they are in `corner`.
-    let mut row = first;
-    while row < height {
-        row += match (height - row).div_ceil(LANES) {
-            1 => rows::<S, C>(s, done, rest, stride, row, first, &corner, reciprocals, 1, vectors),
-            2 => rows::<S, C>(s, done, rest, stride, row, first, &corner, reciprocals, 2, vectors),
-            _ => rows::<S, C>(s, done, rest, stride, row, first, &corner, reciprocals, 3, vectors),
-        };
-    }
-    Ok(())
 }
 
-/// [`tile`] for `lanes` × [`LANES`] rows; returns how many rows that is.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)]
-fn rows<S: Simd, const C: usize>(
+fn load<S: Simd, const V: usize, const C: usize>(
     s: S,
-    done: &[f64],
-    rest: &mut [f64],
+    columns: &[f64],
     stride: usize,
     row: usize,
-    first: usize,
-    corner: &[[f64; C]; C],
-    reciprocals: &[f64],
-    lanes: usize,
-    vectors: usize,
-) -> usize {
-    match lanes * vectors {
-        1 => tile::<S, 1, C>(s, done, rest, stride, row, first, corner, reciprocals),
-        2 => tile::<S, 2, C>(s, done, rest, stride, row, first, corner, reciprocals),
-        3 => tile::<S, 3, C>(s, done, rest, stride, row, first, corner, reciprocals),
-        4 => tile::<S, 4, C>(s, done, rest, stride, row, first, corner, reciprocals),
-        _ => tile::<S, 6, C>(s, done, rest, stride, row, first, corner, reciprocals),
-    }
-    lanes * LANES
-}
-
-/// Rows of the chunk less their product with the columns done, divided by the triangle.
-#[inline(always)]
-#[allow(clippy::too_many_arguments)]
-fn tile<S: Simd, const V: usize, const C: usize>(
-    s: S,
-    done: &[f64],
-    rest: &mut [f64],
-    stride: usize,
-    row: usize,
-    first: usize,
-    corner: &[[f64; C]; C],
-    reciprocals: &[f64],
-) {
-    let width = V * S::LANES;
+) -> [[S::Vector; V]; C] {
     let mut x = [[s.splat(0.0); V]; C];
     for c in 0..C {
-        let column = &rest[c * stride + row..c * stride + row + width];
+        let column = &columns[c * stride + row..c * stride + row + V * S::LANES];
         for v in 0..V {
             x[c][v] = s.load(&column[v * S::LANES..]);
         }
     }
-    subtract::<S, V, C>(s, &mut x, done, stride, row, first);
-    for c in 0..C {
-        for p in 0..c {
-            let factor = s.splat(corner[p][c]);
-            for v in 0..V {
-                x[c][v] = s.mul_sub(x[p][v], factor, x[c][v]);
-            }
-        }
-        let reciprocal = s.splat(reciprocals[c]);
-        let column = &mut rest[c * stride + row..c * stride + row + width];
-        for v in 0..V {
-            x[c][v] = s.mul(x[c][v], reciprocal);
-            s.store(x[c][v], &mut column[v * S::LANES..]);
-        }
-    }
+    x
 }
 
-/// x − Σ_p a_p b_p, where a are the rows from `row` and b the C rows from `other` of all columns p.
+/// x − Σ_p a_p b_pᵀ, where a are the rows from `row` and b the C rows from `other` of all columns p.
 #[inline(always)]
 fn subtract<S: Simd, const V: usize, const C: usize>(
     s: S,
@@ -209,52 +218,80 @@ pub(super) fn update<S: Simd>(
     below: usize,
     fresh: bool,
 ) {
-    let step = padded(below);
-    let vectors = LANES / S::LANES;
+    let product = Product { panel, stride, eliminated, step: padded(below), fresh };
     for column in (0..below).step_by(CHUNK) {
-        let mut row = column;
-        while row < below {
-            let lanes = (step - row).div_ceil(LANES).min(3);
-            match lanes * vectors {
-                1 => square::<S, 1>(s, panel, stride, eliminated, update, step, row, column, fresh),
-                2 => square::<S, 2>(s, panel, stride, eliminated, update, step, row, column, fresh),
-                3 => square::<S, 3>(s, panel, stride, eliminated, update, step, row, column, fresh),
-                4 => square::<S, 4>(s, panel, stride, eliminated, update, step, row, column, fresh),
-                _ => square::<S, 6>(s, panel, stride, eliminated, update, step, row, column, fresh),
-            }
-            row += lanes * LANES;
+        match below - column {
+            1 => product.columns::<S, 1>(s, update, column),
+            2 => product.columns::<S, 2>(s, update, column),
+            3 => product.columns::<S, 3>(s, update, column),
+            4 => product.columns::<S, 4>(s, update, column),
+            5 => product.columns::<S, 5>(s, update, column),
+            _ => product.columns::<S, CHUNK>(s, update, column),
         }
     }
 }
 
-#[inline(always)]
-#[allow(clippy::too_many_arguments)]
-fn square<S: Simd, const V: usize>(
-    s: S,
-    panel: &[f64],
+/// The product of the rows below a panel's triangle with themselves.
+struct Product<'a> {
+    panel: &'a [f64],
     stride: usize,
     eliminated: usize,
-    update: &mut [f64],
+    /// Numbers between the columns of the update, which are also its rows.
     step: usize,
-    row: usize,
-    column: usize,
     fresh: bool,
-) {
-    let width = V * S::LANES;
-    let mut x = [[s.splat(0.0); V]; CHUNK];
-    if !fresh {
-        for c in 0..CHUNK {
-            let from = &update[(column + c) * step + row..(column + c) * step + row + width];
-            for v in 0..V {
-                x[c][v] = s.load(&from[v * S::LANES..]);
-            }
+}
+
+impl Product<'_> {
+    /// The C columns from `column`.
+    #[inline(always)]
+    fn columns<S: Simd, const C: usize>(&self, s: S, update: &mut [f64], column: usize) {
+        let update = &mut update[column * self.step..(column + C) * self.step];
+        let mut row = column / LANES * LANES;
+        while row + 2 * LANES <= self.step {
+            self.rows::<S, C>(s, update, row, column, 2);
+            row += 2 * LANES;
+        }
+        if row < self.step {
+            self.rows::<S, C>(s, update, row, column, 1);
         }
     }
-    subtract::<S, V, CHUNK>(s, &mut x, panel, stride, eliminated + row, eliminated + column);
-    for c in 0..CHUNK {
-        let to = &mut update[(column + c) * step + row..(column + c) * step + row + width];
-        for v in 0..V {
-            s.store(x[c][v], &mut to[v * S::LANES..]);
+
+    #[inline(always)]
+    fn rows<S: Simd, const C: usize>(
+        &self,
+        s: S,
+        update: &mut [f64],
+        row: usize,
+        column: usize,
+        lanes: usize,
+    ) {
+        match lanes * LANES / S::LANES {
+            1 => self.tile::<S, 1, C>(s, update, row, column),
+            2 => self.tile::<S, 2, C>(s, update, row, column),
+            _ => self.tile::<S, 4, C>(s, update, row, column),
+        }
+    }
+
+    #[inline(always)]
+    fn tile<S: Simd, const V: usize, const C: usize>(
+        &self,
+        s: S,
+        update: &mut [f64],
+        row: usize,
+        column: usize,
+    ) {
+        let (step, width) = (self.step, V * S::LANES);
+        let mut x = match self.fresh {
+            true => [[s.splat(0.0); V]; C],
+            false => load::<S, V, C>(s, update, step, row),
+        };
+        let (above, other) = (self.eliminated + row, self.eliminated + column);
+        subtract::<S, V, C>(s, &mut x, self.panel, self.stride, above, other);
+        for c in 0..C {
+            let to = &mut update[c * step + row..c * step + row + width];
+            for v in 0..V {
+                s.store(x[c][v], &mut to[v * S::LANES..]);
+            }
         }
     }
 }
