@@ -24,8 +24,8 @@ use crate::slam::track::{Step, truth};
 use crate::space::{Point, Pose};
 use crate::view::sheet::{self, Panel, Sheet};
 
-/// How far out of the object its nodes are drawn, parts of its half diagonal.
-const OUT: f64 = 1.15;
+/// How far out of the object its nodes are drawn, parts of its diagonal.
+const OUT: f64 = 0.2;
 
 /// Errors of the poses in figure 3.9: what a tracker at 100 % noise is off by, metres and radians.
 const OFF: [f64; 2] = [4e-3, 0.12];
@@ -43,11 +43,12 @@ pub(super) fn graph(title: &str, objects: &[&str], drawn: &mut Drawn) -> Result<
         let steps = found.as_ref().map_or(&steps, |f| &f.steps);
         let Some(frame) = gauge(&log, steps, &subject.truth.geometry) else { continue };
         let (low, high) = subject.truth.geometry.bounds();
-        let (middle, reach) = ((low + high) / 2.0, OUT * (high - low).norm() / 2.0);
+        let middle = (low + high) / 2.0;
+        let reach = (high - low) / 2.0 + Point::repeat(OUT * (high - low).norm());
         let count = log.grasps.len();
         let node = |k: usize| {
             let angle = TAU * k as f64 / count as f64;
-            middle + Point::new(angle.cos(), angle.sin(), 0.0) * reach
+            middle + Point::new(angle.cos() * reach.x, angle.sin() * reach.y, 0.0)
         };
         let (mut contacts, mut groups) = placed(&log, steps, &frame);
         contacts.extend((0..count).map(|k| (node(k), None)));

@@ -5,6 +5,7 @@
 //! y_i⁻¹ y_j whatever the object's pose.
 
 use nalgebra::{Matrix6, Vector6};
+use tactile_core::track::Status;
 
 use super::alternatives::{Allowed, Alternative, alternatives, labelled};
 use super::motion::{Motion, adjoint, carried};
@@ -27,6 +28,10 @@ const LEAST: [f64; 2] = [2e-4, 4e-3];
 
 /// Relative poses nearer than this (metres, radians) are one.
 const SAME: [f64; 2] = [0.01, 0.2];
+
+/// Nats for a pose that a tracker does not hold possible which is sure of another: it knows the whole
+/// shape, two grasps do not. It would have said so of a twentieth.
+const DISMISSED: f64 = 3.0;
 
 /// Nats above its best fit at which two grasps are held not to have felt the same faces: χ² of three
 /// degrees of freedom exceeds twice that once in a thousand.
@@ -227,13 +232,15 @@ impl Front<'_> {
             let (a, b) = (&self.touched[k - 1], &self.touched[k]);
             let found = alternatives(self.problem.dimension, a, b, &guess, &self.allowed(k - 1, k));
             let least = least(&found);
+            let sure = self.steps.get(k).is_some_and(|s| s.status == Status::Tracking);
+            let dismissed = if sure && self.covariances[k].is_some() { DISMISSED } else { 0.0 };
             for other in &found {
                 let r = &other.registered;
                 if poses.iter().all(|p| !same(p, &r.pose)) {
                     // The object's pose after that step.
                     let to =
                         self.frames[k] * r.pose.inverse() * self.frames[k - 1].inverse() * before;
-                    let cost = astray(&to) + 0.5 * (r.chi2 - least);
+                    let cost = astray(&to) + 0.5 * (r.chi2 - least) + dismissed;
                     choices.extend(choice(pair, &r.pose, &r.covariance, cost));
                     poses.push(r.pose);
                 }

@@ -1,21 +1,27 @@
 //! How uncertain the poses of a small graph are. Grasps are few: the information matrix is inverted as
 //! it is.
 
-use nalgebra::{DMatrix, SMatrix};
+use nalgebra::{Const, DMatrix, OMatrix, SMatrix};
 
-use crate::graph::pose::{Group, PoseGraph};
+use super::motion::{Motion, adjoint};
+use crate::graph::joint::tangent::axes;
+use crate::graph::pose::PoseGraph;
+
+/// Metres that count as a radian where poses are compared: half the size of what a hand grasps.
+const RADIUS: f64 = 0.05;
 
 /// The covariance of a pose in tangent coordinates, in its own axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Doubt<const D: usize> {
     /// In the frame of the fixed poses.
     pub marginal: SMatrix<f64, D, D>,
-    /// If all other poses were known.
-    pub given_others: SMatrix<f64, D, D>,
+    /// Beside the other poses, whatever all of them together are in the frame of the fixed ones: in
+    /// the frame in which they move least (inner constraints: Meissl 1962).
+    pub beside: SMatrix<f64, D, D>,
 }
 
-/// Of every pose, none for the fixed ones; `None` where the graph leaves a pose open.
-pub fn marginals<G: Group<D>, const D: usize>(graph: &PoseGraph<G, D>) -> Option<Vec<Doubt<D>>> {
+/// Of every pose, no marginal for the fixed ones; `None` where the graph leaves a pose open.
+pub fn marginals<G: Motion<D>, const D: usize>(graph: &PoseGraph<G, D>) -> Option<Vec<Doubt<D>>> {
     let free: Vec<Option<usize>> = {
         let mut next = 0;
         let mut number = |pose: usize| {
@@ -40,17 +46,46 @@ pub fn marginals<G: Group<D>, const D: usize>(graph: &PoseGraph<G, D>) -> Option
             }
         }
     }
-    let inverse = information.clone().cholesky()?.inverse();
-    let none = Doubt { marginal: SMatrix::zeros(), given_others: SMatrix::zeros() };
-    let doubt = |free: &Option<usize>| {
-        let Some(at) = free.map(|f| D * f) else { return Some(none) };
-        let own: SMatrix<f64, D, D> = information.fixed_view::<D, D>(at, at).into_owned();
-        Some(Doubt {
-            marginal: inverse.fixed_view::<D, D>(at, at).into_owned(),
-            given_others: own.cholesky()?.inverse(),
-        })
+    let inverse = information.cholesky()?.inverse();
+    // The fixed poses back in their places, without doubt.
+    let count = graph.poses.len();
+    let mut covariance = DMatrix::<f64>::zeros(D * count, D * count);
+    for (i, row) in free.iter().enumerate() {
+        for (j, column) in free.iter().enumerate() {
+            if let (Some(row), Some(column)) = (row, column) {
+                let block = inverse.fixed_view::<D, D>(D * row, D * column);
+                covariance.fixed_view_mut::<D, D>(D * i, D * j).copy_from(&block);
+            }
+        }
+    }
+    // How every pose moves, in its own axes, when all move together.
+    let mut together = OMatrix::<f64, nalgebra::Dyn, Const<D>>::zeros(D * count);
+    let mut weighed = together.clone();
+    for (i, pose) in graph.poses.iter().enumerate() {
+        let ad = adjoint(&pose.pose().inverse());
+        let axes = axes::<D>();
+        for row in 0..D {
+            let weight = if row < G::DIMENSION { 1.0 } else { RADIUS * RADIUS };
+            for column in 0..D {
+                let entry = ad[(axes[row], axes[column])];
+                together[(D * i + row, column)] = entry;
+                weighed[(D * i + row, column)] = weight * entry;
+            }
+        }
+    }
+    let normal: SMatrix<f64, D, D> = weighed.tr_mul(&together);
+    let common = normal.cholesky()?.inverse() * weighed.transpose();
+    // P C Pᵀ with P = I − N A.
+    let shared = &common * &covariance;
+    let total: SMatrix<f64, D, D> = &shared * common.transpose();
+    let doubt = |i: usize| {
+        let marginal: SMatrix<f64, D, D> = covariance.fixed_view::<D, D>(D * i, D * i).into_owned();
+        let own: SMatrix<f64, D, D> = together.fixed_rows::<D>(D * i).into_owned();
+        let with: SMatrix<f64, D, D> = own * shared.fixed_columns::<D>(D * i);
+        let beside = marginal - with - with.transpose() + own * total * own.transpose();
+        Doubt { marginal, beside }
     };
-    free.iter().map(doubt).collect()
+    Some((0..count).map(doubt).collect())
 }
 
 #[cfg(test)]
@@ -78,7 +113,11 @@ mod tests {
         assert_eq!(chain[0].marginal, Matrix3::zeros());
         assert!((chain[1].marginal - Matrix3::identity() * 0.25).norm() < 1e-12);
         assert!((chain[2].marginal - Matrix3::identity() * 0.75).norm() < 1e-12);
-        assert!((chain[1].given_others - Matrix3::identity() / 6.0).norm() < 1e-12);
+        // The middle of three is known best beside the others: translations have the mean of all
+        // taken out of them, here of 0, a and a + b with variances 1/4 and 1/2.
+        let [first, middle, last] = [0, 1, 2].map(|i| chain[i].beside[(0, 0)]);
+        assert!((first - 0.75 / 9.0 * 2.0).abs() < 1e-9, "{first}");
+        assert!(middle < first && first < last && last < chain[2].marginal[(0, 0)], "{chain:?}");
         graph.edges.push(edge(0, 2, 4.0));
         // 1/(1/0.75 + 4).
         let closed = marginals(&graph).unwrap();

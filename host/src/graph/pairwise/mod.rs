@@ -72,8 +72,8 @@ pub struct Corrected {
     /// The steps with the poses of the likeliest explanation and their marginal covariances. A grasp
     /// that other explanations see elsewhere is ambiguous, and its modes are theirs.
     pub steps: Vec<Step>,
-    /// Covariance of each pose if the others were known.
-    pub given_others: Vec<Matrix6<f64>>,
+    /// Covariance of each pose beside the others, whatever they all are in the frame of the first.
+    pub beside: Vec<Matrix6<f64>>,
     /// The likeliest explanations, the likeliest first.
     pub explanations: Vec<Explanation>,
     /// The face of each usable contact in the log's order; `None` where it lies on none.
@@ -85,13 +85,13 @@ pub struct Corrected {
 }
 
 impl Corrected {
-    /// The steps with the covariances of [`Corrected::given_others`]: to place contacts side by side.
+    /// The steps with the covariances of [`Corrected::beside`]: to place contacts side by side.
     pub fn relative(&self) -> Vec<Step> {
         let with = |(step, covariance): (&Step, &Matrix6<f64>)| Step {
             covariance: *covariance,
             ..step.clone()
         };
-        self.steps.iter().zip(&self.given_others).map(with).collect()
+        self.steps.iter().zip(&self.beside).map(with).collect()
     }
 
     /// Whether more than one explanation is left.
@@ -189,19 +189,19 @@ fn once<G: Motion<D>, const D: usize>(
         .zip(weights(&found))
         .map(|(h, weight)| Explanation { poses: poses(&frames, &h.nodes), weight })
         .collect();
-    let (mut corrected, mut given_others) = (Vec::new(), Vec::new());
+    let (mut corrected, mut beside) = (Vec::new(), Vec::new());
     for (k, step) in steps.iter().enumerate() {
         // x = C y⁻¹: what moves y in its own axes moves x in the object's.
         let ad = adjoint(&best.nodes[k].pose());
         let turned = |own| carried(&six_by_six(&own), &ad);
-        given_others.push(turned(doubts[k].given_others));
+        beside.push(turned(doubts[k].beside));
         corrected.push(judged(step, k, &explanations, turned(doubts[k].marginal)));
     }
     let ends =
         |c: &constraints::Constraint<G, D>| c.choices.first().map(|c| [c.edge.from, c.edge.to]);
     Some(Corrected {
         steps: corrected,
-        given_others,
+        beside,
         explanations,
         faces,
         edges: constraints.similar.iter().filter_map(ends).collect(),
