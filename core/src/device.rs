@@ -69,6 +69,23 @@ pub trait Onboard<S: WireSpace>: Tracker<S> {
     fn face(&self, _number: u8) -> Option<(FaceSummary<S>, u8)> {
         None
     }
+
+    /// Replaces the belief by another's, without faces.
+    ///
+    /// # Errors
+    /// [`Refusal::Fixed`] where the tracker cannot, [`Refusal::Belief`] with unusable numbers; the
+    /// belief is then as before.
+    fn believe(&mut self, _pose: &S::Pose, _covariance: &S::Covariance) -> Result<(), Refusal> {
+        Err(Refusal::Fixed)
+    }
+
+    /// Adds a face to a belief that was replaced.
+    ///
+    /// # Errors
+    /// As [`believe`](Self::believe), and [`Refusal::MapFull`].
+    fn learn(&mut self, _face: &FaceSummary<S>) -> Result<(), Refusal> {
+        Err(Refusal::Fixed)
+    }
 }
 
 /// A tracker behind a link. `CONTACTS` contacts, and as many free points, fit in one grasp.
@@ -79,7 +96,8 @@ pub trait Onboard<S: WireSpace>: Tracker<S> {
 /// * a frame older than the one last obeyed is dropped;
 /// * before the first `Hello` everything else is refused;
 /// * a second motion, a contact beyond `CONTACTS` and impossible settings are refused;
-/// * a commit without contacts is an empty grasp: the tracker only predicts.
+/// * a commit without contacts is an empty grasp: the tracker only predicts;
+/// * a belief and faces that a host knows better are taken by trackers that can, and refused otherwise.
 pub struct Device<T, S: WireSpace, const CONTACTS: usize> {
     tracker: T,
     decoder: Decoder<Command<S>>,
@@ -245,6 +263,15 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
                 let (face, of) = self.tracker.face(number).ok_or(Refusal::NoSuch)?;
                 self.answer.add(board.now(), Report::Face(FaceFrame::new(&face, number, of)));
             }
+            Command::Believe(frame) => {
+                let (pose, covariance) = frame.belief().ok_or(Refusal::Belief)?;
+                if !self.ready {
+                    self.start();
+                }
+                self.tracker.believe(&pose, &covariance)?;
+                self.modes = Modes::one(pose);
+            }
+            Command::Face(frame) => self.tracker.learn(&frame.face())?,
         }
         Ok(())
     }

@@ -10,6 +10,7 @@ use crate::space::{Planar, PlanarPose, Pose};
 
 use crate::surface::Gpis;
 use crate::track::{Bootstrap, Estimate, Hypotheses, Modes, Observability, RaoBlackwell, Status};
+use crate::wire::{BeliefFrame, ContactFrame};
 
 /// Composes the motions and counts what it is given.
 struct Counting {
@@ -351,4 +352,80 @@ proptest! {
         let pieces = noise.split(|&b| b == 0).filter(|p| !p.is_empty()).count();
         prop_assert_eq!(health.received.damaged() as usize, pieces);
     }
+}
+
+#[test]
+fn a_host_that_knows_better_is_believed() {
+    let mut device = Box::new(PlanarHypothesesDevice::START);
+    let mut board = Bench::default();
+    let mut decoder = Decoder::<Report<Planar>>::new();
+    let mut next = 0;
+    let mut say = |message: Command<Planar>| -> Vec<Report<Planar>> {
+        let mut buffer = [0; MAX_FRAME];
+        let frame = Frame { sequence: next, time: Clock(0), message };
+        next += 1;
+        board.sent.clear();
+        device.take(encode(&frame, &mut buffer).unwrap(), &mut board);
+        let frames = board.sent.iter().filter_map(|b| decoder.push(*b));
+        frames.map(|f| f.unwrap().frame.message).collect()
+    };
+    let refused = |answer: &[Report<Planar>]| match answer.last() {
+        Some(Report::Reply(reply)) => reply.refusal,
+        other => panic!("{other:?}"),
+    };
+    say(Command::Hello { protocol: PROTOCOL });
+    let pose = PlanarPose::new(Vector([0.2, 0.1]), 0.5);
+    let covariance = crate::matrix::Matrix([[1e-6, 0.0, 0.0], [0.0, 1e-6, 0.0], [0.0, 0.0, 1e-4]]);
+    let face = |x: f32, y: f32| {
+        let face = FaceSummary {
+            normal: Vector([x, y]),
+            centroid: Vector([0.05 * x, 0.03 * y]),
+            deviation: 2e-4,
+            tilt: 0.01,
+            contacts: 7,
+        };
+        FaceFrame::new(&face, 0, 4)
+    };
+    // A face before any belief has no frame to be in.
+    assert_eq!(refused(&say(Command::Face(face(1.0, 0.0)))), Some(Refusal::Belief));
+    let belief = BeliefFrame::new(&pose, &covariance);
+    assert_eq!(refused(&say(Command::Believe(belief))), None);
+    for (x, y) in [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)] {
+        assert_eq!(refused(&say(Command::Face(face(x, y)))), None);
+    }
+    let mut bad = belief;
+    bad.deviations[0] = f32::NAN;
+    assert_eq!(refused(&say(Command::Believe(bad))), Some(Refusal::Belief));
+    // The board has the faces, and finds the next grasp on them.
+    let told = say(Command::Query(Topic::Face(2)));
+    let Report::Face(third) = told[0] else { panic!("{told:?}") };
+    assert_eq!((third.of, third.face().contacts), (4, 7));
+    let moved = PlanarPose::new(Vector([0.204, 0.098]), 0.6);
+    for (x, y) in [(1.0f32, 0.0f32), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)] {
+        let contact = Contact {
+            point: moved.transform(Vector([0.05 * x - 0.01 * y, 0.03 * y + 0.01 * x])),
+            normal: Some(moved.rotate(Vector([x, y]))),
+            point_deviation: 1e-3,
+            normal_deviation: Settings::DEFAULT.normal,
+            finger: 0,
+        };
+        say(Command::Contact(ContactFrame::new(&contact, Settings::DEFAULT.normal)));
+    }
+    let answer = say(Command::Commit);
+    let Report::Estimate(estimate) = answer[0] else { panic!("{answer:?}") };
+    let apart = moved.local(&estimate.pose().unwrap());
+    assert!(apart.norm() < 0.02, "{apart:?}");
+    assert_eq!((estimate.status(), estimate.grasp), (Status::Tracking, 0));
+}
+
+#[test]
+fn a_tracker_without_faces_says_so() {
+    let mut rig = Rig::new();
+    let pose = PlanarPose::IDENTITY;
+    let belief = BeliefFrame::new(&pose, &crate::matrix::Matrix([[0.0; 3]; 3]));
+    let answer = rig.say(Command::Believe(belief));
+    assert!(matches!(
+        answer.last(),
+        Some(Report::Reply(Reply { refusal: Some(Refusal::Fixed), .. }))
+    ));
 }

@@ -7,10 +7,10 @@ use crate::matrix::Square;
 use crate::space::{Planar, Spatial};
 use crate::surface::cholesky::packed;
 use crate::surface::{Ball, Gpis, Matern32, Prior, Training};
-use crate::track::hypotheses::{self, Chart, Hypotheses};
+use crate::track::hypotheses::{self, Chart, Disbelief, Hypotheses, ToldFace};
 use crate::track::rao_blackwell::Faceted;
 use crate::track::{Bootstrap, RaoBlackwell};
-use crate::wire::{FaceSummary, TrackerKind, WireSpace};
+use crate::wire::{FaceSummary, Refusal, TrackerKind, WireSpace};
 
 /// Standard deviation of the surface about its prior ball, metres.
 const AMPLITUDE: f32 = 0.03;
@@ -138,6 +138,28 @@ impl<
             contacts: face.contacts,
         };
         Some((summary, self.faces().count() as u8))
+    }
+
+    fn believe(&mut self, pose: &S::Pose, covariance: &S::Covariance) -> Result<(), Refusal> {
+        Hypotheses::believe(self, pose, covariance).map_err(refusal)
+    }
+
+    fn learn(&mut self, face: &FaceSummary<S>) -> Result<(), Refusal> {
+        let told = ToldFace {
+            normal: face.normal,
+            centre: face.centroid,
+            deviation: face.deviation,
+            tilt: face.tilt,
+            contacts: face.contacts,
+        };
+        Hypotheses::learn(self, &told).map_err(refusal)
+    }
+}
+
+fn refusal(disbelief: Disbelief) -> Refusal {
+    match disbelief {
+        Disbelief::Number => Refusal::Belief,
+        Disbelief::Full => Refusal::MapFull,
     }
 }
 

@@ -19,6 +19,7 @@
 //! the maps stay as they are, and the next grasps are sought at every rotation.
 
 mod beam;
+mod belief;
 mod chart;
 mod explanation;
 mod face;
@@ -35,6 +36,7 @@ mod joint_tests;
 #[cfg(test)]
 mod tests;
 
+pub use belief::{Disbelief, ToldFace};
 pub use chart::Chart;
 pub use face::Face;
 
@@ -140,6 +142,8 @@ pub struct Hypotheses<
     reach: f32,
     /// Log density of the grasps so far, nats.
     evidence: f32,
+    /// Grasps that are not recalled any more, because another's word has replaced what they told.
+    forgotten: u32,
 }
 
 impl<
@@ -175,6 +179,7 @@ impl<
             lost: 0,
             reach: 0.0,
             evidence: 0.0,
+            forgotten: 0,
         }
     }
 
@@ -188,6 +193,7 @@ impl<
         self.lost = 0;
         self.reach = 0.0;
         self.evidence = 0.0;
+        self.forgotten = 0;
     }
 
     /// The pose of every hypothesis and its share of the belief, best first.
@@ -412,7 +418,7 @@ impl<
 
     fn recall(&self, grasp: u32) -> Option<S::Pose> {
         let age = self.grasps.checked_sub(grasp)?;
-        if GRASPS == 0 || age == 0 || age as usize > GRASPS {
+        if GRASPS == 0 || age == 0 || age as usize > GRASPS || grasp < self.forgotten {
             return None;
         }
         let past =

@@ -11,7 +11,7 @@ use crate::matrix::{Coordinates, Square};
 use crate::track;
 
 /// Version of the protocol. It changes whenever a golden vector changes.
-pub const PROTOCOL: u8 = 2;
+pub const PROTOCOL: u8 = 3;
 
 /// One message with its place in the stream.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -50,6 +50,10 @@ pub enum Command<S: WireSpace> {
     Commit,
     /// Asks for something already known.
     Query(Topic),
+    /// Where the object is now, as the host knows better: replaces the belief, and forgets the faces.
+    Believe(BeliefFrame<S>),
+    /// A face as the host knows it: adds to what [`Command::Believe`] began.
+    Face(FaceFrame<S>),
 }
 
 /// Board to host.
@@ -307,16 +311,7 @@ impl<S: WireSpace> EstimateFrame<S> {
                 | (estimate.resampled as u8) << 1
                 | (estimate.status as u8) << 2,
         };
-        let deviation = |i| math::sqrt(estimate.covariance.at(i, i).max(0.0));
-        for (i, d) in AsMut::<[f32]>::as_mut(&mut frame.deviations).iter_mut().enumerate() {
-            *d = deviation(i);
-        }
-        let pairs = (0..S::FREEDOM).flat_map(|i| (0..i).map(move |j| (i, j)));
-        for ((i, j), c) in pairs.zip(AsMut::<[Fraction]>::as_mut(&mut frame.correlations)) {
-            let scale = deviation(i) * deviation(j);
-            *c =
-                Fraction::new(if scale > 0.0 { estimate.covariance.at(i, j) / scale } else { 0.0 });
-        }
+        (frame.deviations, frame.correlations) = packed::<S>(&estimate.covariance);
         let seen = &estimate.observability;
         for (i, e) in AsMut::<[Fraction]>::as_mut(&mut frame.eigenvalues).iter_mut().enumerate() {
             *e = Fraction::new(0.5 * seen.eigenvalues[i]);
@@ -334,18 +329,7 @@ impl<S: WireSpace> EstimateFrame<S> {
 
     /// Covariance of the pose in tangent coordinates, metres and radians.
     pub fn covariance(&self) -> S::Covariance {
-        let d = self.deviations.as_ref();
-        let mut covariance = S::Covariance::ZERO;
-        for (i, &deviation) in d.iter().enumerate() {
-            *covariance.at_mut(i, i) = deviation * deviation;
-        }
-        let pairs = (0..S::FREEDOM).flat_map(|i| (0..i).map(move |j| (i, j)));
-        for ((i, j), c) in pairs.zip(self.correlations.as_ref()) {
-            let entry = c.value() * covariance_scale(d, i, j);
-            *covariance.at_mut(i, j) = entry;
-            *covariance.at_mut(j, i) = entry;
-        }
-        covariance
+        unpacked::<S>(&self.deviations, &self.correlations)
     }
 
     /// Eigenvalues of the observability, ascending, each in [0, 2].
@@ -477,6 +461,67 @@ impl<S: WireSpace> FaceFrame<S> {
     }
 }
 
+/// Where the object is, as somebody else believes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "")]
+pub struct BeliefFrame<S: WireSpace> {
+    /// Object to world.
+    pub pose: S::Numbers,
+    /// Standard deviations of the pose in tangent coordinates, metres and radians.
+    pub deviations: S::Deviations,
+    /// Correlations of the tangent coordinates, the lower triangle row by row.
+    pub correlations: S::Correlations,
+}
+
+impl<S: WireSpace> BeliefFrame<S> {
+    /// Packs a pose and its covariance.
+    pub fn new(pose: &S::Pose, covariance: &S::Covariance) -> Self {
+        let (deviations, correlations) = packed::<S>(covariance);
+        BeliefFrame { pose: S::pack_pose(pose), deviations, correlations }
+    }
+
+    /// The pose and its covariance, or `None` when a number is not finite.
+    pub fn belief(&self) -> Option<(S::Pose, S::Covariance)> {
+        let finite = self.deviations.as_ref().iter().all(|d| d.is_finite());
+        let pose = S::unpack_pose(self.pose).filter(|_| finite)?;
+        Some((pose, unpacked::<S>(&self.deviations, &self.correlations)))
+    }
+}
+
+/// Standard deviations and correlations of a covariance.
+fn packed<S: WireSpace>(covariance: &S::Covariance) -> (S::Deviations, S::Correlations) {
+    let deviation = |i| math::sqrt(covariance.at(i, i).max(0.0));
+    let (mut deviations, mut correlations) = (S::Deviations::default(), S::Correlations::default());
+    for (i, d) in AsMut::<[f32]>::as_mut(&mut deviations).iter_mut().enumerate() {
+        *d = deviation(i);
+    }
+    let pairs = (0..S::FREEDOM).flat_map(|i| (0..i).map(move |j| (i, j)));
+    for ((i, j), c) in pairs.zip(AsMut::<[Fraction]>::as_mut(&mut correlations)) {
+        let scale = deviation(i) * deviation(j);
+        *c = Fraction::new(if scale > 0.0 { covariance.at(i, j) / scale } else { 0.0 });
+    }
+    (deviations, correlations)
+}
+
+/// The covariance of standard deviations and correlations.
+fn unpacked<S: WireSpace>(
+    deviations: &S::Deviations,
+    correlations: &S::Correlations,
+) -> S::Covariance {
+    let d = deviations.as_ref();
+    let mut covariance = S::Covariance::ZERO;
+    for (i, &deviation) in d.iter().enumerate() {
+        *covariance.at_mut(i, i) = deviation * deviation;
+    }
+    let pairs = (0..S::FREEDOM).flat_map(|i| (0..i).map(move |j| (i, j)));
+    for ((i, j), c) in pairs.zip(correlations.as_ref()) {
+        let entry = c.value() * covariance_scale(d, i, j);
+        *covariance.at_mut(i, j) = entry;
+        *covariance.at_mut(j, i) = entry;
+    }
+    covariance
+}
+
 fn covariance_scale(deviations: &[f32], i: usize, j: usize) -> f32 {
     deviations.get(i).zip(deviations.get(j)).map_or(0.0, |(a, b)| a * b)
 }
@@ -550,6 +595,12 @@ pub enum Refusal {
     NoEstimate,
     /// There is no mode or face of this number.
     NoSuch,
+    /// A number of a belief or face cannot be used, or a face came before any belief.
+    Belief,
+    /// The map has no room for another face; those it has stay.
+    MapFull,
+    /// This tracker's belief cannot be replaced.
+    Fixed,
 }
 
 impl core::fmt::Display for Refusal {
@@ -563,6 +614,9 @@ impl core::fmt::Display for Refusal {
             Refusal::Full => "the grasp is full",
             Refusal::NoEstimate => "no grasp has been committed yet",
             Refusal::NoSuch => "there are not so many",
+            Refusal::Belief => "a number of the belief or face cannot be used",
+            Refusal::MapFull => "the map has no room for another face",
+            Refusal::Fixed => "the belief of this tracker cannot be replaced",
         })
     }
 }

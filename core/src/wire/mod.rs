@@ -52,6 +52,10 @@
 //! An ambiguous estimate names its heaviest pose; the others are asked for one by one
 //! ([`Topic::Mode`]), and so are the faces of the shape ([`Topic::Face`]).
 //!
+//! A host that knows better teaches the board: `Believe` replaces pose and covariance and forgets the
+//! faces, then one `Face` for each face it knows. The object frame is the host's from then on; the
+//! grasps are counted on. A board whose tracker has no faces refuses.
+//!
 //! # What a receiver counts
 //!
 //! [`Decoder`] takes any bytes, never panics, holds at most one frame, and finds its place again at
@@ -66,8 +70,8 @@ pub use codec::{
     Arrival, Counters, Decoder, EncodeError, FrameError, MAX_FRAME, Received, encode, seal, unseal,
 };
 pub use frame::{
-    BoardKind, Command, ContactFrame, EstimateFrame, FaceFrame, FaceSummary, Frame, FreeFrame,
-    Health, Hello, ModeFrame, MotionFrame, PROTOCOL, Refusal, Reply, Report, Settings, Topic,
-    TrackerKind,
+    BeliefFrame, BoardKind, Command, ContactFrame, EstimateFrame, FaceFrame, FaceSummary, Frame,
+    FreeFrame, Health, Hello, ModeFrame, MotionFrame, PROTOCOL, Refusal, Reply, Report, Settings,
+    Topic, TrackerKind,
 };
 pub use quantity::{Clock, Field, Fraction, WireSpace};

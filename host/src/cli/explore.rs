@@ -133,7 +133,7 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
     .map_err(Error::failure)?;
 
     let outcome = finish(&bench, &settings, &episode)?;
-    outcome.write(&args.out).map_err(Error::input)?;
+    outcome.write(&args.out, bench.log(), Some(bench.geometry())).map_err(Error::input)?;
     let log = args.out.join("log.jsonl");
     bench.write(&log).map_err(Error::input)?;
     let report = outcome.report.to_json().map_err(Error::failure)?;

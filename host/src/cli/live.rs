@@ -5,22 +5,24 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 use tactile_core::space::{Planar, Spatial};
-use tactile_core::wire::WireSpace;
+use tactile_core::wire::{Hello, WireSpace};
 
 use self::watch::{Address, Watch};
 use super::slam::Input;
 use super::{Error, progress, say};
+use crate::graph::{self, joint};
+use crate::link::lesson::Lesson;
 use crate::link::qemu::Qemu;
-use crate::link::session::settings_for;
+use crate::link::session::{settings_for, steps};
 use crate::link::tcp::Tcp;
 use crate::link::{GraspOutcome, Link, LogOutcome, Patience, Recorder, Session, virtual_board};
 use crate::log::GraspLog;
 use crate::log::recording::Header;
 use crate::slam::choose::Choice;
-use crate::slam::output::{Provenance, conclude};
+use crate::slam::output::{self, Provenance, conclude};
 use crate::slam::track::Step;
 use crate::slam::trackers::Kind;
 use crate::space::Bridge;
@@ -64,12 +66,29 @@ pub struct LiveArgs {
     /// Seconds to wait between grasps: a log is faster than a hand
     #[arg(long, value_name = "SECONDS", default_value = "0", value_parser = pace)]
     pace: Duration,
+    /// Correct all poses together and teach the board what came of it, from eight grasps on, and once
+    /// more at the end; needs a tracker with faces: --tracker hypotheses
+    #[arg(long, value_enum, default_value_t = Correction::None)]
+    graph: Correction,
+    /// Grasps between two corrections
+    #[arg(long, value_name = "N", default_value_t = 4,
+          value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1000))]
+    correct_every: usize,
     /// Folder for the results
     #[arg(long, default_value = "out")]
     out: PathBuf,
     /// Print the report, and what the board says of itself, as JSON
     #[arg(long)]
     json: bool,
+}
+
+/// Corrections that a board can be taught.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Correction {
+    /// Poses and flat faces estimated together
+    Planes,
+    /// None
+    None,
 }
 
 /// Where the board is.
@@ -115,6 +134,12 @@ fn pace(text: &str) -> Result<Duration, String> {
 /// # Errors
 /// Bad input before a board is touched; a board that does not answer; unwritable results.
 pub fn run(args: &LiveArgs) -> Result<(), Error> {
+    if args.graph != Correction::None && args.tracker != Kind::Hypotheses {
+        let name = args.tracker.name();
+        return Err(Error::Input(format!(
+            "--graph: expected --tracker hypotheses; a board cannot teach {name} another's belief"
+        )));
+    }
     let input = Input::open(args.log.as_deref(), &args.out)?;
     let Input { log, name, truth } = &input;
     let tracker = format!("{} on the board", args.tracker.name());
@@ -126,15 +151,28 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
         feed::<Spatial>(args, log, watch)
     }?;
     let title = input.title();
+    let start = Instant::now();
+    let corrected = match args.graph {
+        Correction::Planes => graph::Kind::Planes.correct(log, &fed.steps),
+        Correction::None => None,
+    };
+    let graph_seconds = start.elapsed().as_secs_f64() + fed.teaching;
+    let (steps, relative) = match corrected {
+        Some(graph::Corrected { steps, relative }) => (steps, Some(relative)),
+        None => (fed.steps, None),
+    };
     let provenance = Provenance {
         title,
         tracker: &tracker,
         surface: Choice::Auto,
         tracking_seconds: fed.seconds,
-        graph: None,
+        graph: (args.graph != Correction::None).then_some(output::Correction {
+            seconds: graph_seconds,
+            relative: relative.as_deref(),
+        }),
         progress: &progress,
     };
-    let outcome = conclude(log, truth.as_ref(), fed.steps, provenance)
+    let outcome = conclude(log, truth.as_ref(), steps, provenance)
         .map_err(|e| Error::Input(format!("{name}: {e}")))?;
     if let Some(watch) = watch {
         watch.finish(&outcome);
@@ -165,6 +203,8 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
 struct Fed {
     steps: Vec<Step>,
     seconds: f64,
+    /// Seconds of them that the corrections took.
+    teaching: f64,
     board: Value,
     text: String,
 }
@@ -228,21 +268,45 @@ fn converse<S: Bridge + WireSpace>(
         let message = format!("--tracker {name}: the board was built with {:?}", hello.tracker);
         return Err(Error::Input(message));
     }
-    let each = |number: usize, outcome: &GraspOutcome<S>| {
-        if let Some((watch, step)) = watch.zip(outcome.step()) {
+    let (mut lessons, mut teaching) = (0, 0.0);
+    let after = |number: usize, hello: &Hello, outcomes: &[GraspOutcome<S>]| {
+        if let Some((watch, step)) = watch.zip(outcomes.last().and_then(GraspOutcome::step)) {
             watch.grasp(number, step);
         }
-        if number + 1 < log.grasps.len() {
-            std::thread::sleep(args.pace);
+        let done = number + 1;
+        if done == log.grasps.len() {
+            return None;
         }
+        std::thread::sleep(args.pace);
+        if args.graph == Correction::None || done % args.correct_every != 0 {
+            return None;
+        }
+        let start = Instant::now();
+        let mut known = log.clone();
+        known.grasps.truncate(done);
+        let corrected = joint::correct(&known, &steps(outcomes));
+        let room = usize::from(hello.map);
+        let lesson = corrected.and_then(|c| Lesson::new(&known, &c, room));
+        teaching += start.elapsed().as_secs_f64();
+        lessons += usize::from(lesson.is_some());
+        lesson
     };
-    let run = || session.run(log, settings_for(log, args.seed), each).map_err(Error::failure);
+    let run =
+        || session.run_taught(log, settings_for(log, args.seed), after).map_err(Error::failure);
     let outcome = match watch {
         Some(watch) => watch.beside(run),
         None => run(),
     }?;
-    let seconds = start.elapsed().as_secs_f64();
-    Ok(Fed { steps: outcome.steps(), seconds, board: figures(&outcome), text: words(&outcome) })
+    let seconds = start.elapsed().as_secs_f64() - teaching;
+    let mut board = figures(&outcome);
+    let mut text = words(&outcome);
+    if args.graph != Correction::None {
+        if let Some(fields) = board.as_object_mut() {
+            fields.insert("lessons".into(), lessons.into());
+        }
+        text += &format!("\ntaught         {lessons} times what the graph found");
+    }
+    Ok(Fed { steps: outcome.steps(), seconds, teaching, board, text })
 }
 
 fn left_out<S: WireSpace>(outcome: &LogOutcome<S>) -> usize {

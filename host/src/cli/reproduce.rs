@@ -11,8 +11,8 @@ use crate::cli::{Error, say};
 use crate::experiment::chapter2::{self, FIGURES};
 use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{
-    Picture, calibration, chapter3, data, exploration, localization, memory, pose_graphs, push,
-    shapes, tracking,
+    Picture, calibration, chapter3, data, exploration, graphs, localization, memory, pose_graphs,
+    push, shapes, tracking,
 };
 use crate::graph;
 use crate::log::write::write_atomically;
@@ -72,7 +72,7 @@ struct PartArgs {
     /// Of tracking and mujoco: only these trackers; oracle (true poses) and odometry (none but the hand's) too
     #[arg(long, value_name = "TRACKER")]
     tracker: Vec<Contender>,
-    /// Of tracking: what corrects the trackers' poses afterwards [default: none]
+    /// Of tracking and mujoco: what corrects the trackers' poses afterwards [default: none]
     #[arg(long, value_enum)]
     graph: Option<graph::Kind>,
     /// Of tracking: which part of the contacts is wild [default: 0]
@@ -93,13 +93,14 @@ impl PartArgs {
         const SIMULATED: &[&str] = &[TRACKING, CONSISTENCY];
         const ALL: &[&str] =
             &[SHAPES, TRACKING, CONSISTENCY, MUJOCO, POSE_GRAPHS, EXPLORATION[0], EXPLORATION[1]];
+        const CORRECTED: &[&str] = &[TRACKING, MUJOCO];
         let options: [(_, &'static [&'static str], bool); 8] = [
             ("--object", ALL, !self.object.is_empty()),
             ("--first-seed", COMPARISONS, self.first_seed.is_some()),
             ("--noise", NOISY, self.noise.is_some()),
             ("--contacts", &[SHAPES], !self.contacts.is_empty()),
             ("--tracker", TRACKERS, !self.tracker.is_empty()),
-            ("--graph", &[TRACKING], self.graph.is_some()),
+            ("--graph", CORRECTED, self.graph.is_some()),
             ("--outliers", SIMULATED, self.outliers.is_some()),
             ("--grasps", SIMULATED, self.grasps.is_some()),
         ];
@@ -135,8 +136,9 @@ const LONG: [&str; 8] =
 fn names() -> Vec<&'static str> {
     let figures = FIGURES.iter().map(|f| f.name);
     let tracked = chapter3::FIGURES.iter().map(|f| f.name);
+    let corrected = graphs::FIGURES.iter().map(|f| f.name);
     let own = OTHERS.into_iter().chain(LONG).chain(EXPLORATION);
-    figures.chain(tracked).chain(own).chain(["all"]).collect()
+    figures.chain(tracked).chain(corrected).chain(own).chain(["all"]).collect()
 }
 
 /// What an experiment gave: numbers to read, the same for programs, pictures.
@@ -204,10 +206,8 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
     }
     let wanted = |name: &&str| match args.name.as_str() {
         "all" => {
-            *name != "all"
-                && !LONG.contains(name)
-                && !EXPLORATION.contains(name)
-                && chapter3::figure(name).is_none()
+            let slow = chapter3::figure(name).is_some() || graphs::figure(name).is_some();
+            *name != "all" && !LONG.contains(name) && !EXPLORATION.contains(name) && !slow
         }
         one => one == *name,
     };
@@ -287,10 +287,11 @@ fn compare_trackers(args: &ReproduceArgs) -> Result<(), Error> {
 
 /// All trackers on the recordings, row by row as they are done.
 fn follow_recordings(args: &ReproduceArgs) -> Result<(), Error> {
-    let PartArgs { object, tracker, .. } = &args.part;
+    let PartArgs { object, tracker, graph, .. } = &args.part;
     let selection = mujoco::Selection {
         names: object.clone(),
         contenders: tracker.clone(),
+        graph: graph.unwrap_or(graph::Kind::None),
         seeds: args.seeds(),
     };
     let rows = watch(args, mujoco::heading());
@@ -355,6 +356,10 @@ fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
     }
     if let Some(figure) = chapter3::figure(name) {
         let drawn = figure.draw(args.seeds()).map_err(Error::failure)?;
+        return Outcome::new(name, &drawn, Some(drawn.picture.clone()));
+    }
+    if let Some(figure) = graphs::figure(name) {
+        let drawn = figure.draw(data().as_deref(), args.seeds()).map_err(Error::failure)?;
         return Outcome::new(name, &drawn, Some(drawn.picture.clone()));
     }
     if name == "calibration" {

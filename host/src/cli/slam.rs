@@ -141,8 +141,10 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
     let start = Instant::now();
     let corrected = kind.correct(log, &steps);
     let graph_seconds = start.elapsed().as_secs_f64();
-    let relative = corrected.as_ref().map(graph::Corrected::relative);
-    let steps = corrected.map_or(steps, |c| c.steps);
+    let (steps, relative) = match corrected {
+        Some(graph::Corrected { steps, relative }) => (steps, Some(relative)),
+        None => (steps, None),
+    };
     let surface = match args.surface {
         SurfaceKind::Auto => Choice::Auto,
         SurfaceKind::Faces => Choice::Faces,

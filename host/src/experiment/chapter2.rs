@@ -313,6 +313,8 @@ fn panel(line: &Line, run: Run, touched: &Touched) -> Panel {
         estimate,
         deviations,
         contacts: touched.contacts.iter().map(|c| (c.point, c.normal)).collect(),
+        groups: Vec::new(),
+        links: Vec::new(),
     }
 }
 

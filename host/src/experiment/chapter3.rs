@@ -48,8 +48,8 @@ enum View {
     Particles,
 }
 
-/// All of them, in the thesis' order. Figure 3.10 is a photograph of a simulator; 3.15 is about pose
-/// graphs.
+/// All of them, in the thesis' order. Figure 3.10 is a photograph of a simulator; those about pose
+/// graphs are in [`super::graphs`].
 pub const FIGURES: &[Figure] = &[
     Figure {
         name: "figure-3.11",
@@ -394,6 +394,8 @@ fn panel(
         contacts: contacts.collect(),
         deviations: shape.as_ref().map(|s| s.deviations.clone()).unwrap_or_default(),
         estimate: shape.map(|s| s.geometry.transformed(&frame)),
+        groups: Vec::new(),
+        links: Vec::new(),
     }))
 }
 

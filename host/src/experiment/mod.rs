@@ -5,6 +5,7 @@ pub mod calibration;
 pub mod chapter2;
 pub mod chapter3;
 pub mod exploration;
+pub mod graphs;
 pub mod localization;
 pub mod memory;
 pub mod model;

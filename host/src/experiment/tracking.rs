@@ -242,6 +242,7 @@ pub fn run(selection: &Selection, mut done: impl FnMut(&Row)) -> Result<Comparis
         "Tracking{}: contacts 1 mm and 5°, {:.0} % of them wild, seeds {first_seed} to {}",
         match selection.graph {
             graph::Kind::Planes => ", corrected by the joint graph",
+            graph::Kind::Pairwise => ", corrected by the pairwise graph",
             graph::Kind::None => "",
         },
         100.0 * outliers,
@@ -282,7 +283,7 @@ fn compare(
             _ => contender.follow(log, seed),
         };
         let graph = if contender.is_tracker() { selection.graph } else { graph::Kind::None };
-        graph.correct(log, &steps).map_or(steps, |c| c.relative())
+        graph.correct(log, &steps).map_or(steps, |c| c.relative)
     };
     let runs = runs(&options, truth, selection.range(), &follow)?;
     let judged: Vec<Judgement> = runs.iter().filter_map(|r| r.judgement).collect();

@@ -2,15 +2,14 @@
 //!
 //! A tracker that goes forward only keeps the mistakes it made when it knew little. The thesis (3.3.3)
 //! corrects them by a graph whose edges are relative poses between pairs of similar grasps; five
-//! contacts then serve many edges as if they were independent. In the [`joint`] graph nothing is
-//! counted twice: contacts measure faces from poses.
+//! contacts then serve many edges ([`pairwise`]). In the [`joint`] graph nothing is counted twice:
+//! contacts measure faces from poses.
 //!
 //! [`pose`] is the optimiser for pose graphs of any origin (`tactile optimize` on a `.g2o` file).
 
 pub mod joint;
+pub mod pairwise;
 pub mod pose;
-
-pub use joint::Corrected;
 
 use crate::log::GraspLog;
 use crate::slam::track::Step;
@@ -20,6 +19,8 @@ use crate::slam::track::Step;
 pub enum Kind {
     /// Poses and flat faces, or a smooth surface, estimated together; from eight grasps on
     Planes,
+    /// Relative poses between grasps that felt the same faces (thesis 3.3.3)
+    Pairwise,
     /// None: the tracker's poses stand
     None,
 }
@@ -28,8 +29,26 @@ impl Kind {
     /// The log's steps corrected; `None` where they stand.
     pub fn correct(self, log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
         match self {
-            Kind::Planes => joint::correct(log, steps),
+            Kind::Planes => {
+                let found = joint::correct(log, steps)?;
+                let relative = found.relative();
+                Some(Corrected { steps: found.steps, relative })
+            }
+            Kind::Pairwise => {
+                let found = pairwise::correct(log, steps)?;
+                let relative = found.relative();
+                Some(Corrected { steps: found.steps, relative })
+            }
             Kind::None => None,
         }
     }
+}
+
+/// A trajectory after its correction.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Corrected {
+    /// With the poses' marginal covariances: how uncertain they are in the frame of the first grasp.
+    pub steps: Vec<Step>,
+    /// The same with how uncertain contacts are beside each other, to make a shape of.
+    pub relative: Vec<Step>,
 }

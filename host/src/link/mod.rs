@@ -6,6 +6,7 @@
 
 pub mod fault;
 pub mod firmware;
+pub mod lesson;
 pub mod qemu;
 pub mod recorder;
 pub mod session;
@@ -16,6 +17,7 @@ use std::io;
 use std::time::Duration;
 
 pub use fault::{Faults, Faulty};
+pub use lesson::Lesson;
 pub use recorder::Recorder;
 pub use session::{GraspOutcome, LogOutcome, Patience, Session, SessionError};
 

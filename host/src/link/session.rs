@@ -18,6 +18,7 @@ use tactile_core::wire::{
 };
 
 use super::Link;
+use super::lesson::Lesson;
 use crate::log::GraspLog;
 use crate::slam::track::{self, Step, six_by_six};
 use crate::slam::usual_deviations;
@@ -143,7 +144,7 @@ impl<S: Bridge + WireSpace> LogOutcome<S> {
 
     /// The estimates as [`crate::slam`] takes them.
     pub fn steps(&self) -> Vec<Step> {
-        self.grasps.iter().filter_map(GraspOutcome::step).collect()
+        steps(&self.grasps)
     }
 }
 
@@ -168,6 +169,11 @@ impl<S: Bridge + WireSpace> GraspOutcome<S> {
             contacts: [estimate.contacts, estimate.rejected, estimate.dropped].map(usize::from),
         })
     }
+}
+
+/// Estimates as [`crate::slam`] takes them; those that are not finite are left out.
+pub fn steps<S: Bridge + WireSpace>(grasps: &[GraspOutcome<S>]) -> Vec<Step> {
+    grasps.iter().filter_map(GraspOutcome::step).collect()
 }
 
 /// A conversation with one board.
@@ -356,6 +362,19 @@ impl<S: WireSpace, L: Link> Session<S, L> {
         Ok(GraspOutcome { estimate, modes, health, not_sent, elapsed })
     }
 
+    /// Replaces what the board believes by what the host knows better.
+    ///
+    /// # Errors
+    /// No answer, or a refusal: of a tracker without faces, of numbers it cannot use. What was taught
+    /// before the refusal stays.
+    pub fn teach(&mut self, lesson: &Lesson<S>) -> Result<(), SessionError> {
+        self.ask("believe", Command::Believe(lesson.belief))?;
+        for face in &lesson.faces {
+            self.ask("face", Command::Face(*face))?;
+        }
+        Ok(())
+    }
+
     /// Sends a command until its reply comes; gives what came with it.
     fn ask(&mut self, name: &'static str, command: Command<S>) -> Result<Answer<S>, SessionError> {
         let hello = matches!(command, Command::Hello { .. });
@@ -459,10 +478,29 @@ impl<S: Bridge + WireSpace, L: Link> Session<S, L> {
     /// # Errors
     /// When the log has another dimension, or as every command.
     pub fn run(
-        mut self,
+        self,
         log: &GraspLog,
         settings: Settings,
         mut each: impl FnMut(usize, &GraspOutcome<S>),
+    ) -> Result<LogOutcome<S>, SessionError> {
+        self.run_taught(log, settings, |number, _, outcomes| {
+            if let Some(last) = outcomes.last() {
+                each(number, last);
+            }
+            None
+        })
+    }
+
+    /// The same with a teacher, who is asked after every grasp with its number, who answered, and all
+    /// outcomes so far.
+    ///
+    /// # Errors
+    /// As [`run`](Self::run), and where the board does not take a lesson.
+    pub fn run_taught(
+        mut self,
+        log: &GraspLog,
+        settings: Settings,
+        mut teacher: impl FnMut(usize, &Hello, &[GraspOutcome<S>]) -> Option<Lesson<S>>,
     ) -> Result<LogOutcome<S>, SessionError> {
         let hello = match self.hello {
             Some(hello) if log.dimension == S::DIMENSION => hello,
@@ -478,8 +516,10 @@ impl<S: Bridge + WireSpace, L: Link> Session<S, L> {
             let contacts = track::contacts::<S>(grasp, &log.noise);
             let free = track::free_points::<S>(grasp);
             let outcome = self.grasp(motion.as_ref(), &contacts, &free)?;
-            each(number, &outcome);
             grasps.push(outcome);
+            if let Some(lesson) = teacher(number, &hello, &grasps) {
+                self.teach(&lesson)?;
+            }
         }
         let received = *self.decoder.counters();
         Ok(LogOutcome { hello, grasps, received, repeated: self.repeated })

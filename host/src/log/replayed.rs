@@ -239,6 +239,8 @@ impl<S: Bridge + WireSpace> Collector<'_, S> {
     fn obeyed(&mut self, command: Command<S>, time: Duration) {
         match command {
             Command::Hello { .. } | Command::Ping | Command::Query(_) => {}
+            // Of no account to what was felt: the estimates that follow show it.
+            Command::Believe(_) | Command::Face(_) => {}
             Command::Configure(settings) => {
                 self.settings = settings;
                 self.rest.noise = Noise {

@@ -61,7 +61,7 @@ pub struct Correction<'a> {
     /// How long it took, seconds.
     pub seconds: f64,
     /// The steps with the covariances that say how uncertain contacts are beside each other
-    /// ([`crate::graph::Corrected::relative`]); `None` where the graph left the tracker's.
+    /// ([`crate::graph::Corrected`]); `None` where the graph left the tracker's.
     pub relative: Option<&'a [Step]>,
 }
 

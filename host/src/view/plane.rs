@@ -19,6 +19,20 @@ struct View {
 }
 
 impl View {
+    /// Of what is shown, in this frame.
+    fn of(frame: &Frame, shown: &Shown) -> View {
+        let plot = match frame.width < SMALL {
+            true => frame.inset(48.0, 16.0, 16.0, 34.0),
+            false => frame.inset(66.0, 22.0, 22.0, 58.0),
+        };
+        let (least, greatest) = shown.bounds;
+        let size = greatest - least;
+        let room = 0.07 * plot.width;
+        let fits = |span: f64, pixels: f32| f64::from(pixels - room) / span.max(1e-6);
+        let scale = fits(size.x, plot.width).min(fits(size.y, plot.height));
+        View { frame: plot, middle: (least + greatest) / 2.0, scale }
+    }
+
     fn pixel(&self, p: &Point) -> Pixel {
         let across = (p.x - self.middle.x) * self.scale;
         let up = (p.y - self.middle.y) * self.scale;
@@ -41,16 +55,8 @@ pub(super) fn draw(
     truth: Option<&Outline>,
 ) {
     canvas.fill_card(frame, 10.0, PANEL);
-    let plot = match frame.width < SMALL {
-        true => frame.inset(48.0, 16.0, 16.0, 34.0),
-        false => frame.inset(66.0, 22.0, 22.0, 58.0),
-    };
-    let (least, greatest) = shown.bounds;
-    let size = greatest - least;
-    let room = 0.07 * plot.width;
-    let fits = |span: f64, pixels: f32| f64::from(pixels - room) / span.max(1e-6);
-    let scale = fits(size.x, plot.width).min(fits(size.y, plot.height));
-    let view = View { frame: plot, middle: (least + greatest) / 2.0, scale };
+    let view = View::of(frame, shown);
+    let scale = view.scale;
 
     axes(canvas, &view);
     let loops: Vec<Vec<Pixel>> = estimate.loops.iter().map(|l| view.pixels(l)).collect();
@@ -68,6 +74,14 @@ pub(super) fn draw(
     }
     for touch in &shown.touches {
         contact(canvas, &view, touch, shown.grasps);
+    }
+}
+
+/// Thin lines between places, over what [`draw`] has drawn.
+pub(super) fn link(canvas: &mut Canvas, frame: &Frame, shown: &Shown, links: &[[Point; 2]]) {
+    let view = View::of(frame, shown);
+    for [a, b] in links {
+        canvas.line(&[view.pixel(a), view.pixel(b)], 1.4, INK.faded(0.45));
     }
 }
 

@@ -23,6 +23,10 @@ pub struct Panel {
     pub deviations: Vec<f64>,
     /// Contact points with unit normals where measured.
     pub contacts: Vec<(Point, Option<Point>)>,
+    /// What each contact belongs to, from 0 on, which gives it its colour; may be empty.
+    pub groups: Vec<usize>,
+    /// Lines between places, in the plane only.
+    pub links: Vec<[Point; 2]>,
 }
 
 /// Panels in rows under one headline, with one scale of colours.
@@ -108,13 +112,19 @@ fn draw(canvas: &mut Canvas, frame: &Frame, panel: &Panel, end: f64) -> Result<(
         truth: Some(panel.truth.clone()),
         estimate: panel.estimate.clone().unwrap_or(empty),
         deviations: panel.deviations.clone(),
-        contacts: panel.contacts.iter().map(|(p, n)| (*p, *n, 0)).collect(),
+        contacts: panel
+            .contacts
+            .iter()
+            .enumerate()
+            .map(|(i, (p, n))| (*p, *n, panel.groups.get(i).copied().unwrap_or(0)))
+            .collect(),
         pose_errors: None,
     };
     let shown = Shown { scale_end: end, ..Shown::new(&scene) };
     match (&scene.estimate, &panel.truth) {
         (Geometry::Outline(estimate), Geometry::Outline(truth)) => {
             plane::draw(&mut own, &picture, &shown, estimate, Some(truth));
+            plane::link(&mut own, &picture, &shown, &panel.links);
         }
         (Geometry::Mesh(estimate), Geometry::Mesh(truth)) => {
             model::draw_small(&mut own, &picture, &shown, estimate, Some(truth));
@@ -122,7 +132,8 @@ fn draw(canvas: &mut Canvas, frame: &Frame, panel: &Panel, end: f64) -> Result<(
         // A plane and a space have no common picture.
         _ => {}
     }
-    if panel.estimate.as_ref().is_none_or(crate::shape::metrics::is_empty) {
+    let bare = panel.links.is_empty() && panel.groups.is_empty();
+    if bare && panel.estimate.as_ref().is_none_or(crate::shape::metrics::is_empty) {
         let at = [picture.left + picture.width / 2.0, picture.top + picture.height / 2.0];
         own.text(at, Style::new(17.0, QUIET).anchored(Anchor::Middle), "no surface");
     }
@@ -159,6 +170,8 @@ mod tests {
             estimate,
             deviations: vec![1e-3; 4],
             contacts: vec![(Point::new(0.03, 0.0, 0.0), Some(Point::x()))],
+            groups: Vec::new(),
+            links: vec![[Point::zeros(), Point::new(0.03, 0.0, 0.0)]],
         }
     }
 

@@ -151,6 +151,7 @@ fn golden() -> Vec<(&'static str, Vec<u8>)> {
     let unusual = ContactFrame::new(&contact(), 0.1);
     let usual = ContactFrame::new(&planar_contact(), 0.3);
     let bare = ContactFrame::new(&Contact { normal: None, ..contact() }, 0.1);
+    let spread = spatial_estimate(0).covariance;
     type C = Command<Spatial>;
     type R = Report<Spatial>;
     std::vec![
@@ -191,6 +192,19 @@ fn golden() -> Vec<(&'static str, Vec<u8>)> {
         ("health", wire(13, 13, R::Health(health()))),
         ("mode 3d", wire(14, 14, R::Mode(mode))),
         ("face 3d", wire(15, 15, R::Face(FaceFrame::new(&face(), 3, 6)))),
+        ("believe 3d", wire(16, 16, C::Believe(BeliefFrame::new(&motion, &spread)))),
+        (
+            "believe 2d",
+            wire(
+                16,
+                16,
+                Command::<Planar>::Believe(BeliefFrame::new(
+                    &PlanarPose::new(Vector([0.1, -0.2]), 2.5),
+                    &planar_estimate(0).covariance,
+                )),
+            ),
+        ),
+        ("face command 3d", wire(17, 17, C::Face(FaceFrame::new(&face(), 3, 6)))),
     ]
 }
 
@@ -267,6 +281,25 @@ fn every_message_comes_back() {
         assert!((estimate.eigenvalues()[i] - sent.observability.eigenvalues[i]).abs() < 1e-4);
     }
     assert_eq!(estimate.weakest(), Vector([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]));
+}
+
+#[test]
+fn beliefs_come_back() {
+    let sent = spatial_estimate(0);
+    let frame = BeliefFrame::<Spatial>::new(&sent.pose, &sent.covariance);
+    let (pose, covariance) = frame.belief().unwrap();
+    assert!(sent.pose.local(&pose).norm() < 1e-6);
+    for i in 0..6 {
+        for j in 0..6 {
+            assert!((covariance.0[i][j] - sent.covariance.0[i][j]).abs() < 5e-10);
+        }
+    }
+    let mut bad = frame;
+    bad.deviations[3] = f32::NAN;
+    assert!(bad.belief().is_none());
+    bad = frame;
+    bad.pose[0] = f32::INFINITY;
+    assert!(bad.belief().is_none());
 }
 
 #[test]

@@ -10,6 +10,7 @@ use serde::Serialize;
 use super::Contender;
 use super::judge::{Judgement, Truth, judge};
 use crate::experiment::{Spread, with_room};
+use crate::graph;
 use crate::log::{GraspLog, LogError};
 use crate::slam::output::{TruthError, true_shape};
 
@@ -50,6 +51,8 @@ pub struct Selection {
     pub names: Vec<String>,
     /// Who takes part; all where empty.
     pub contenders: Vec<Contender>,
+    /// What corrects the trackers' poses afterwards.
+    pub graph: graph::Kind,
     /// Seeds of each tracker, from 0 on.
     pub seeds: u64,
 }
@@ -83,7 +86,7 @@ pub struct Row {
     pub touched_greatest_mm: Option<f64>,
     /// Hausdorff distance of the whole shapes, aligned.
     pub hausdorff_mm: Option<f64>,
-    /// The tracker alone, per grasp.
+    /// The tracker and, where there is one, the graph, per grasp.
     pub milliseconds: Option<f64>,
 }
 
@@ -95,10 +98,10 @@ pub struct Table {
 }
 
 /// A recording and the object as it is.
-struct Recording {
-    name: String,
-    log: GraspLog,
-    truth: Truth,
+pub(crate) struct Recording {
+    pub(crate) name: String,
+    pub(crate) log: GraspLog,
+    pub(crate) truth: Truth,
 }
 
 /// Follows the object through every recording in `data`/mujoco that is wanted. `done` is told each
@@ -119,7 +122,7 @@ pub fn run(
     for file in recordings(data, &selection.names)? {
         let recording = read(&file)?;
         for contender in &contenders {
-            let row = follow(&recording, *contender, selection.seeds);
+            let row = follow(&recording, *contender, selection);
             done(&row);
             rows.push(row);
         }
@@ -127,7 +130,7 @@ pub fn run(
     Ok(Table { rows })
 }
 
-fn recordings(data: Option<&Path>, wanted: &[String]) -> Result<Vec<PathBuf>, Error> {
+pub(crate) fn recordings(data: Option<&Path>, wanted: &[String]) -> Result<Vec<PathBuf>, Error> {
     let folder = data.map(|d| d.join("mujoco"));
     let listed = folder.and_then(|f| std::fs::read_dir(f).ok()).into_iter().flatten().flatten();
     let mut files: Vec<PathBuf> = listed.map(|entry| entry.path()).collect();
@@ -144,11 +147,11 @@ fn recordings(data: Option<&Path>, wanted: &[String]) -> Result<Vec<PathBuf>, Er
 }
 
 /// Of a file, without its ending.
-fn name(file: &Path) -> String {
+pub(crate) fn name(file: &Path) -> String {
     file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-fn read(file: &Path) -> Result<Recording, Error> {
+pub(crate) fn read(file: &Path) -> Result<Recording, Error> {
     let log = GraspLog::read(file)?;
     let shape = true_shape(&log).map_err(|source| Error::Shape { file: file.into(), source })?;
     match shape {
@@ -159,16 +162,21 @@ fn read(file: &Path) -> Result<Recording, Error> {
     }
 }
 
-fn follow(recording: &Recording, contender: Contender, seeds: u64) -> Row {
+fn follow(recording: &Recording, contender: Contender, selection: &Selection) -> Row {
     let Recording { name, log, truth } = recording;
     let one = |seed| {
         let start = Instant::now();
         let steps = contender.follow(log, seed);
+        let kind = if contender.is_tracker() { selection.graph } else { graph::Kind::None };
+        let steps = kind.correct(log, &steps).map_or(steps, |c| c.relative);
         let milliseconds = 1e3 * start.elapsed().as_secs_f64() / log.grasps.len().max(1) as f64;
         Some((judge(log, &steps, truth)?, milliseconds))
     };
     // Another seed is the same run of what draws nothing.
-    let seeds = if contender.is_tracker() { seeds } else { seeds.min(1) };
+    let seeds = match contender.is_tracker() {
+        true => selection.seeds,
+        false => selection.seeds.min(1),
+    };
     let runs: Vec<(Judgement, f64)> =
         with_room(|| (0..seeds).into_par_iter().filter_map(one).collect());
     let median = |f: fn(&Judgement) -> Option<f64>| {
@@ -303,7 +311,7 @@ mod tests {
 
     fn selection(name: &str) -> Selection {
         let contenders = vec![Contender::Oracle, Contender::Odometry];
-        Selection { names: vec![name.into()], contenders, seeds: 1 }
+        Selection { names: vec![name.into()], contenders, graph: graph::Kind::None, seeds: 1 }
     }
 
     #[test]

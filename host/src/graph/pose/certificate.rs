@@ -217,9 +217,9 @@ fn largest_share<const D: usize>(whole: &SMatrix<f64, D, D>, part: &SMatrix<f64,
     };
     // s is the least eigenvalue of L⁻¹ whole L⁻ᵀ.
     let lower = factor.l();
-    let scaled = lower.solve_lower_triangular(whole).and_then(|half| {
-        lower.solve_lower_triangular(&half.transpose())
-    });
+    let scaled = lower
+        .solve_lower_triangular(whole)
+        .and_then(|half| lower.solve_lower_triangular(&half.transpose()));
     scaled.map_or(0.0, |scaled| least_eigenvalue(scaled).clamp(0.0, 1.0))
 }
 

@@ -82,9 +82,7 @@ pub fn odometry_edges<G, const D: usize>(graph: &PoseGraph<G, D>) -> Vec<bool> {
 ///
 /// # Errors
 /// Indices that lead nowhere, numbers that are not finite, information that is none.
-pub fn odometry<G: Group<D>, const D: usize>(
-    graph: &PoseGraph<G, D>,
-) -> Result<Vec<G>, Error> {
+pub fn odometry<G: Group<D>, const D: usize>(graph: &PoseGraph<G, D>) -> Result<Vec<G>, Error> {
     graph.check()?;
     let held: Vec<usize> = held(graph).collect();
     let mut sets = Sets::new(graph.poses.len());

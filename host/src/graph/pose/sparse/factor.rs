@@ -64,7 +64,8 @@ impl<const B: usize> Factor<B> {
             heights[stack] += size::<B>(node);
             most[stack] = most[stack].max(heights[stack]);
             let children = &structure.children[node.children.clone()];
-            heights[1 - stack] -= children.iter().map(|&c| size::<B>(&nodes[c as usize])).sum::<usize>();
+            heights[1 - stack] -=
+                children.iter().map(|&c| size::<B>(&nodes[c as usize])).sum::<usize>();
         }
         Self {
             panels: vec![0.0; starts[nodes.len()]],
