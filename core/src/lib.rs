@@ -28,6 +28,7 @@ pub mod device;
 pub mod math;
 pub mod matrix;
 pub mod random;
+pub mod sensing;
 pub mod space;
 pub mod surface;
 pub mod track;
