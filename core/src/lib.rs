@@ -29,6 +29,7 @@ pub mod driver;
 pub mod math;
 pub mod matrix;
 pub mod random;
+pub mod sensing;
 pub mod space;
 pub mod surface;
 pub mod track;
