@@ -17,8 +17,8 @@ use embedded_hal::spi::SpiDevice;
 
 use super::{DriverError, Sampler, is_silent};
 
-/// Electrodes on the core of the fingertip.
-pub const ELECTRODES: usize = 19;
+pub use crate::sensing::ELECTRODES;
+
 /// Channels sampled for one frame, repetitions of PAC included.
 pub const SLOTS: usize = 2 * PRESSURES;
 /// Times PAC is sampled in one frame.

@@ -5,6 +5,7 @@
 use core::convert::Infallible;
 
 use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
+use serde::{Deserialize, Serialize};
 
 use super::ads131m08::{
     self, CHANNELS, FRAME, READ, READY, RESET, STANDBY, STATUS_COMMAND_CRC, STATUS_RESET, WAKE_UP,
@@ -39,7 +40,7 @@ fn each(operations: &mut [Operation<'_, u8>], mut transfer: impl FnMut(u8) -> u8
 }
 
 /// What is wrong with an emulated sensor.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Fault {
     /// Nothing.
     #[default]

@@ -12,6 +12,9 @@ pub mod ads131m08;
 pub mod biotac;
 pub mod emulated;
 
+/// The traits a board implements for its buses and pins.
+pub use embedded_hal;
+
 use embedded_hal::{digital, spi};
 
 /// A sensor behind its driver.
