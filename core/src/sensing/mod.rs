@@ -16,8 +16,18 @@
 //! so that a pushing force has a positive component along [`Touch::normal`].
 
 pub mod calibration;
+pub mod detection;
+pub mod electrodes;
+pub mod fingertip;
+pub mod intrinsic;
+pub mod wrench;
 
 pub use calibration::CalibrationError;
+pub use electrodes::{ElectrodeEstimator, ElectrodeSettings};
+
+pub use wrench::{WrenchEstimator, WrenchSettings};
+
+use fingertip::Patch;
 
 use crate::contact::Contact;
 use crate::math;
@@ -160,6 +170,49 @@ impl Touch {
         .checked()
         .ok()
     }
+}
+
+/// How well a skin is known: standard deviations of what its drawing does not tell, such as wear
+/// and a soft skin that gives way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tolerance {
+    /// Of the skin along its normal, metres.
+    pub point: f32,
+    /// Of its normal, radians per axis.
+    pub normal: f32,
+}
+
+impl Tolerance {
+    /// The same, if it makes sense.
+    ///
+    /// # Errors
+    /// Numbers below zero or not finite.
+    pub fn checked(self) -> Result<Self, CalibrationError> {
+        if !(self.point.is_finite() && self.normal.is_finite()) {
+            Err(CalibrationError::NotFinite)
+        } else if self.point < 0.0 || self.normal < 0.0 {
+            Err(CalibrationError::NotPositive)
+        } else {
+            Ok(self)
+        }
+    }
+}
+
+/// Covariance of a point in space and deviation of the normal there, from the point's variance
+/// along the first tangent, between both, along the second: as the point moves the normal turns
+/// with the skin's curvature.
+#[inline]
+fn spread_on(patch: &Patch, [a, b, c]: [f32; 3], tolerance: &Tolerance) -> (Matrix<3>, f32) {
+    let [u, v] = patch.tangents;
+    let mut covariance = Matrix::ZERO;
+    covariance.add_outer(1.0, u * a + v * b, u);
+    covariance.add_outer(1.0, u * b + v * c, v);
+    covariance.add_outer(tolerance.point * tolerance.point, patch.outward, patch.outward);
+    let [uu, uv, vv] = patch.curvature;
+    // Trace of κPκ.
+    let turned = (uu * uu + uv * uv) * a + 2.0 * uv * (uu + vv) * b + (uv * uv + vv * vv) * c;
+    let variance = 0.5 * turned + tolerance.normal * tolerance.normal;
+    (covariance, math::sqrt(variance))
 }
 
 /// Why a reading gives no contact.
