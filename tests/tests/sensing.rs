@@ -126,7 +126,8 @@ fn fingertip(point: &Point, normal: &Point, (place, outward): &(Point, Point)) -
 fn ready<L: Link>(link: L) -> Session<Spatial, L> {
     let mut session = Session::<Spatial, _>::open(link, quick()).unwrap();
     assert_eq!(session.hello().unwrap().fingers, FINGERS);
-    session.configure(Settings { seed: 3, ..Settings::DEFAULT }).unwrap();
+    let settings = Settings { translation: 2e-3, rotation: 0.05, seed: 3, ..Settings::DEFAULT };
+    session.configure(settings).unwrap();
     for finger in 0..FINGERS {
         let parts = if finger == ELECTRODES { electrodes() } else { gauges() };
         session.set_up_sensor(finger, &parts).unwrap();
