@@ -304,3 +304,6 @@ impl<B: Board, const FINGERS: usize> Board for Scripted<B, FINGERS> {
         finger.map(|finger| finger.show(words, now)).is_some()
     }
 }
+
+#[cfg(test)]
+mod tests;

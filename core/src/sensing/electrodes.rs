@@ -293,8 +293,12 @@ impl ElectrodeEstimator {
         // The baseline is as uncertain as the mean of the readings that made it.
         let variance = share + 1.0 / self.settings.sampling.tare as f32;
         let noise = self.settings.noise * math::sqrt(variance) * full;
-        let mut changes =
-            Changes { values: [0.0; ELECTRODES], noise: [0.0; ELECTRODES], level: 0.0, largest: 0.0 };
+        let mut changes = Changes {
+            values: [0.0; ELECTRODES],
+            noise: [0.0; ELECTRODES],
+            level: 0.0,
+            largest: 0.0,
+        };
         for k in 0..ELECTRODES {
             let word = self.window.sums()[k] as f32 * share;
             let ratio = self.conductance[k] / word;
