@@ -1,7 +1,7 @@
 //! What turns a transducer's words into newtons, and which of them are credible.
 
-use super::detection::LARGEST_WORD;
 use super::NoContact;
+use super::detection::LARGEST_WORD;
 use crate::matrix::{Coordinates, Matrix, Square, Vector};
 use crate::space::{Pose, SpatialPose};
 

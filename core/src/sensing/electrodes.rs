@@ -92,7 +92,7 @@ impl ElectrodeSettings {
         range: (8, 4087),
         noise: 2.0,
         footprint: 2.5e-3,
-        mismatch: 0.2,
+        mismatch: 0.12,
         centroid: 2e-3,
         stiffness: 0.5,
         tolerance: Tolerance { point: 2e-4, normal: 0.02 },
@@ -293,8 +293,12 @@ impl ElectrodeEstimator {
         // The baseline is as uncertain as the mean of the readings that made it.
         let variance = share + 1.0 / self.settings.sampling.tare as f32;
         let noise = self.settings.noise * math::sqrt(variance) * full;
-        let mut changes =
-            Changes { values: [0.0; ELECTRODES], noise: [0.0; ELECTRODES], level: 0.0, largest: 0.0 };
+        let mut changes = Changes {
+            values: [0.0; ELECTRODES],
+            noise: [0.0; ELECTRODES],
+            level: 0.0,
+            largest: 0.0,
+        };
         for k in 0..ELECTRODES {
             let word = self.window.sums()[k] as f32 * share;
             let ratio = self.conductance[k] / word;

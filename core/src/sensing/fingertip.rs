@@ -213,8 +213,7 @@ impl Fingertip {
             let [uu, uv, vv] = patch.curvature.map(|k| k * math::max(away, 0.0));
             let (du, dv) = (patch.tangents[0].dot(to), patch.tangents[1].dot(to));
             let scale = 1.0 / ((1.0 + uu) * (1.0 + vv) - uv * uv);
-            let (a, b) =
-                (scale * ((1.0 + vv) * du - uv * dv), scale * ((1.0 + uu) * dv - uv * du));
+            let (a, b) = (scale * ((1.0 + vv) * du - uv * dv), scale * ((1.0 + uu) * dv - uv * du));
             let step = patch.outward * -height + patch.tangents[0] * a + patch.tangents[1] * b;
             c += step;
             if !c.is_finite() {

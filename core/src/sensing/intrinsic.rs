@@ -182,10 +182,8 @@ fn on_quadric(fingertip: &Fingertip, f: Vector<3>, m: Vector<3>) -> Result<Vecto
         let [u, v] = patch.tangents;
         let inverse = response(&patch, f.dot(n), torsion);
         let (eu, ev) = (u.dot(error), v.dot(error));
-        let (a, b) = (
-            inverse[0][0] * eu + inverse[0][1] * ev,
-            inverse[1][0] * eu + inverse[1][1] * ev,
-        );
+        let (a, b) =
+            (inverse[0][0] * eu + inverse[0][1] * ev, inverse[1][0] * eu + inverse[1][1] * ev);
         let step = u * a + v * b - n * height;
         c += step;
         last = step.norm_squared();

@@ -282,8 +282,7 @@ impl ContactEstimator for WrenchEstimator {
         if self.taring {
             if let Some(mean) = self.tare.push(words, sampling.tare, sampling.spread) {
                 self.bias = mean.map(|w| if w < 0.0 { w - 0.5 } else { w + 0.5 } as i32);
-                self.tared =
-                    self.gravity.map_or(Wrench::ZERO, |g| self.settings.weight.load(g));
+                self.tared = self.gravity.map_or(Wrench::ZERO, |g| self.settings.weight.load(g));
                 self.drifted = Wrench::ZERO;
                 self.settle();
                 self.taring = false;
