@@ -92,7 +92,7 @@ impl ElectrodeSettings {
         range: (8, 4087),
         noise: 2.0,
         footprint: 2.5e-3,
-        mismatch: 0.2,
+        mismatch: 0.12,
         centroid: 2e-3,
         stiffness: 0.5,
         tolerance: Tolerance { point: 2e-4, normal: 0.02 },

@@ -20,6 +20,8 @@ pub mod detection;
 pub mod electrodes;
 pub mod fingertip;
 pub mod intrinsic;
+#[cfg(test)]
+mod tests;
 pub mod wrench;
 
 pub use calibration::CalibrationError;

@@ -9,6 +9,7 @@ pub mod memory;
 pub mod model;
 pub mod proportion;
 pub mod push;
+pub mod sensing;
 pub mod shapes;
 pub mod touches;
 pub mod tracking;

@@ -4,6 +4,7 @@ mod canvas;
 mod chart;
 mod colour;
 pub mod curves;
+pub mod field;
 mod model;
 mod plane;
 mod raster;

@@ -1,6 +1,9 @@
 //! How well fingertips feel: the core's estimators against sensors simulated forwards.
 
 pub mod electrodes;
+mod figures;
+#[cfg(test)]
+mod tests;
 pub mod wrench;
 
 use tactile_core::matrix::Vector;

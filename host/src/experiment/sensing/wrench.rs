@@ -149,7 +149,12 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(skin: &Skin, window: u8, thresholds: bool, seed: u64) -> Result<Bench, CalibrationError> {
+    fn new(
+        skin: &Skin,
+        window: u8,
+        thresholds: bool,
+        seed: u64,
+    ) -> Result<Bench, CalibrationError> {
         let transducer = Transducer::new(Options::default(), seed);
         let matrix = transducer.calibration().ok_or(CalibrationError::Singular)?;
         let gauges = GaugeCalibration::new(
@@ -243,7 +248,14 @@ impl fmt::Display for Table {
         writeln!(
             f,
             "  {:<28}{:>7}{:>8}{:>9}{:>10}{:>12}{:>10}{:>10}{:>16}",
-            "skin", "window", "force N", "pushes", "reported", "of these mm", "point mm", "normal °",
+            "skin",
+            "window",
+            "force N",
+            "pushes",
+            "reported",
+            "of these mm",
+            "point mm",
+            "normal °",
             "normalised ²"
         )?;
         for r in &self.rows {

@@ -70,9 +70,9 @@ impl Transducer {
             let (sin, cos) = (std::f64::consts::TAU * beam as f64 / 3.0).sin_cos();
             // A beam bends along the axis with its share of Fz and of the moments across, and
             // around the axis with its share of the forces across and of Mz.
-            let axial = [0.0, 0.0, 1.0 / 3.0, 2.0 / 3.0 * sin / BEAMS, -2.0 / 3.0 * cos / BEAMS, 0.0];
-            let around =
-                [-2.0 / 3.0 * sin, 2.0 / 3.0 * cos, 0.0, 0.0, 0.0, 1.0 / (3.0 * BEAMS)];
+            let axial =
+                [0.0, 0.0, 1.0 / 3.0, 2.0 / 3.0 * sin / BEAMS, -2.0 / 3.0 * cos / BEAMS, 0.0];
+            let around = [-2.0 / 3.0 * sin, 2.0 / 3.0 * cos, 0.0, 0.0, 0.0, 1.0 / (3.0 * BEAMS)];
             for (row, response) in [(2 * beam, axial), (2 * beam + 1, around)] {
                 // All components at full scale together reach three quarters of the range.
                 let most: f64 = response.iter().zip(FULL_SCALE).map(|(r, f)| r.abs() * f).sum();

@@ -53,6 +53,21 @@ impl Skin {
         }
     }
 
+    /// Where a point of the skin is: along and around, as [`Skin::at`] takes them.
+    pub fn place(&self, point: &Point) -> (f64, f64) {
+        let around = point.y.atan2(-point.z);
+        match *self {
+            Skin::Ellipsoid([a, b, c]) => {
+                let across = (point.y / b).hypot(point.z / c);
+                (across.atan2(point.x / a), (point.y / b).atan2(-point.z / c))
+            }
+            Skin::Finger { radius, .. } if point.x > 0.0 => {
+                (radius * point.y.hypot(point.z).atan2(point.x), around)
+            }
+            Skin::Finger { radius, .. } => (0.5 * PI * radius - point.x, around),
+        }
+    }
+
     /// A point spread evenly over the skin, with its normal.
     pub fn sample(&self, random: &mut Random) -> (Point, Point) {
         match *self {
@@ -69,8 +84,7 @@ impl Skin {
                 // Ball and cylinder have the same area per length of axis.
                 let x = random.unit() * (radius + length) - length;
                 let quarter = 0.5 * PI * radius;
-                let along =
-                    if x > 0.0 { radius * (x / radius).acos() } else { quarter - x };
+                let along = if x > 0.0 { radius * (x / radius).acos() } else { quarter - x };
                 self.at(along, TAU * random.unit())
             }
         }
