@@ -4,6 +4,7 @@
 
 pub mod objects;
 pub(crate) mod random;
+pub mod sensed;
 pub mod sensors;
 pub mod touch;
 pub mod world;

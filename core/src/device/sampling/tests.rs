@@ -179,7 +179,7 @@ fn second(period: u32) -> (usize, Vec<Report<Spatial>>) {
         for part in parts {
             say(&mut device, &mut board, Command::Sensor(SensorFrame { finger, part }));
         }
-        let pose = SpatialPose::from_translation(crate::matrix::Vector([1.04; 3]));
+        let pose = SpatialPose::from_translation(crate::matrix::Vector([1.03; 3]));
         say(&mut device, &mut board, Command::FingertipPose(FingertipFrame::new(finger, &pose)));
         say(&mut device, &mut board, Command::Words(show(finger, 0, 0, Words::Gauges([0; 6]))));
         // A newton into the fingertip's side.
