@@ -1,6 +1,8 @@
 use std::collections::VecDeque;
 use std::vec::Vec;
 
+use proptest::prelude::*;
+
 use super::*;
 use crate::device::{Device, FINGERS, Fingers, SpatialHypotheses};
 use crate::driver::emulated::Fault;
@@ -231,4 +233,90 @@ fn fingers_begin_as_zero_bits() {
     let zero: std::boxed::Box<Fingers<Spatial, FINGERS>> =
         unsafe { std::boxed::Box::new_zeroed().assume_init() };
     assert_eq!(std::format!("{new:?}"), std::format!("{zero:?}"));
+}
+
+/// Any bits, and often a number that makes sense.
+fn number() -> impl Strategy<Value = f32> {
+    prop_oneof![
+        any::<u32>().prop_map(f32::from_bits),
+        -2.0f32..2.0,
+        Just(0.0),
+        Just(1e-6),
+        Just(f32::MAX)
+    ]
+}
+
+fn numbers<const N: usize>() -> impl Strategy<Value = [f32; N]> {
+    proptest::collection::vec(number(), N).prop_map(|v| core::array::from_fn(|i| v[i]))
+}
+
+fn part() -> impl Strategy<Value = SensorPart> {
+    prop_oneof![
+        8 => (any::<u8>(), numbers()).prop_map(|(row, numbers)| SensorPart::Row { row: row % 7, numbers }),
+        1 => (any::<i32>(), any::<i32>()).prop_map(|(least, most)| SensorPart::Range { least, most }),
+        1 => numbers().prop_map(SensorPart::Capacity),
+        1 => numbers().prop_map(SensorPart::Noise),
+        1 => numbers().prop_map(SensorPart::Mount),
+        1 => (number(), numbers()).prop_map(|(mass, centre)| SensorPart::Weight { mass, centre }),
+        2 => number().prop_map(|r| SensorPart::Skin(Skin::Sphere(r))),
+        1 => numbers().prop_map(|axes| SensorPart::Skin(Skin::Ellipsoid(axes))),
+        1 => (number(), number())
+            .prop_map(|(radius, length)| SensorPart::Skin(Skin::CappedCylinder { radius, length })),
+        1 => (numbers(), numbers(), number()).prop_map(|(matrix, linear, constant)| {
+            SensorPart::Skin(Skin::Quadric { matrix, linear, constant })
+        }),
+        1 => (numbers(), number()).prop_map(|(normal, offset)| SensorPart::Edge { normal, offset }),
+        1 => (any::<u8>(), any::<u32>(), 0u16..4, any::<i32>())
+            .prop_map(|(window, gap, tare, spread)| SensorPart::Sampling { window, gap, tare, spread }),
+        1 => numbers().prop_map(|[begin, end]| {
+            SensorPart::Detection { begin, end, begin_readings: 1, end_readings: 1 }
+        }),
+        1 => (any::<u8>(), numbers()).prop_map(|(number, position)| {
+            SensorPart::Electrode { number: number % 20, position }
+        }),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(256))]
+
+    #[test]
+    fn any_settings_and_any_words_are_survived(
+        gauges in any::<bool>(),
+        parts in proptest::collection::vec(part(), 0..24),
+        pose in numbers::<7>(),
+        words in proptest::collection::vec((any::<[i32; 6]>(), any::<[u16; 19]>(), any::<u32>()), 0..24),
+    ) {
+        let mut fingers = std::boxed::Box::new(Fingers::<Spatial, 1>::new());
+        let begin = if gauges { SensorPart::Gauges } else { SensorPart::Electrodes };
+        // A sensor that works, which the parts then change.
+        let mut settings = std::vec![begin];
+        if gauges {
+            settings.push(SensorPart::Skin(Skin::Sphere(0.01)));
+            for row in 0..6 {
+                let mut numbers = [0.0; 6];
+                numbers[usize::from(row)] = 1e-9;
+                settings.push(SensorPart::Row { row, numbers });
+            }
+        }
+        settings.push(SensorPart::Sampling { window: 2, gap: u32::MAX, tare: 1, spread: i32::MAX });
+        settings.extend(parts);
+        settings.push(SensorPart::Use);
+        for part in settings {
+            let _ = fingers.tell(&SensorFrame { finger: 0, part });
+        }
+        let _ = fingers.place(&FingertipFrame { finger: 0, numbers: pose });
+        for (gauges, electrodes, time) in words {
+            for reading in [
+                Reading::Gauges(GaugeReading(gauges)),
+                Reading::Electrodes(ElectrodeReading(electrodes)),
+            ] {
+                let felt = fingers.feel(0, Ok(Some(Sample { time, reading })));
+                if let Some(contact) = felt {
+                    prop_assert!(contact.checked().is_ok());
+                }
+            }
+            fingers.report(0);
+        }
+    }
 }
