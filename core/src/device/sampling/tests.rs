@@ -1,4 +1,5 @@
 use std::collections::VecDeque;
+use std::vec;
 use std::vec::Vec;
 
 use proptest::prelude::*;
@@ -170,7 +171,7 @@ fn second(period: u32) -> (usize, Vec<Report<Spatial>>) {
     };
     say(&mut device, &mut board, Command::Hello { protocol: PROTOCOL });
     for finger in 0..FINGERS as u8 {
-        let mut parts = std::vec![SensorPart::Gauges, SensorPart::Skin(Skin::Sphere(0.01))];
+        let mut parts = vec![SensorPart::Gauges, SensorPart::Skin(Skin::Sphere(0.01))];
         for row in 0..6 {
             let mut numbers = [0.0; 6];
             numbers[usize::from(row)] = 1e-6;
@@ -290,7 +291,7 @@ proptest! {
         let mut fingers = std::boxed::Box::new(Fingers::<Spatial, 1>::new());
         let begin = if gauges { SensorPart::Gauges } else { SensorPart::Electrodes };
         // A sensor that works, which the parts then change.
-        let mut settings = std::vec![begin];
+        let mut settings = vec![begin];
         if gauges {
             settings.push(SensorPart::Skin(Skin::Sphere(0.01)));
             for row in 0..6 {
