@@ -1,6 +1,9 @@
 //! The board's behaviour: commands in, a tracker in the middle, reports out. The same code runs on
 //! a microcontroller, in QEMU and inside a host process, so all three answer the same.
 
+mod draft;
+mod fingers;
+mod sampling;
 mod trackers;
 
 use core::marker::PhantomData;
@@ -8,18 +11,21 @@ use core::marker::PhantomData;
 use heapless::Vec;
 
 use crate::contact::Grasp;
+use crate::driver::DriverError;
 use crate::track::{Modes, MotionNoise, Tracker};
 use crate::wire::{
-    Arrival, BoardKind, Clock, Command, Decoder, EstimateFrame, FaceFrame, FaceSummary, Frame,
-    FrameError, Health, Hello, MAX_FRAME, ModeFrame, PROTOCOL, Received, Refusal, Reply, Report,
-    Settings, Topic, TrackerKind, WireSpace, encode,
+    Arrival, BoardKind, Clock, Command, ContactFrame, Decoder, EstimateFrame, FaceFrame,
+    FaceSummary, Frame, FrameError, Health, Hello, MAX_FRAME, ModeFrame, PROTOCOL, Received,
+    Refusal, Reply, Report, Settings, Topic, TrackerKind, WireSpace, WordsFrame, encode,
 };
 
+pub use fingers::Fingers;
+pub use sampling::{Reading, Sample, Scripted, Sensing, Watched};
 pub use trackers::{
-    CONTACTS, PlanarDevice, PlanarHypotheses, PlanarHypothesesDevice, PlanarMap,
+    CONTACTS, FINGERS, PlanarDevice, PlanarHypotheses, PlanarHypothesesDevice, PlanarMap,
     PlanarRaoBlackwell, PlanarRaoBlackwellDevice, PlanarTracker, SpatialDevice, SpatialHypotheses,
     SpatialHypothesesDevice, SpatialMap, SpatialRaoBlackwell, SpatialRaoBlackwellDevice,
-    SpatialTracker,
+    SpatialSensingDevice, SpatialTracker,
 };
 
 /// What a device needs of the hardware.
@@ -30,15 +36,33 @@ pub trait Board {
     /// Microseconds since some moment, wrapping.
     fn now(&mut self) -> u32;
 
-    /// Waits until at least one byte has come, then moves what has come into `bytes` and returns
-    /// how many. A board inside a host process returns 0 instead of waiting.
-    fn receive(&mut self, bytes: &mut [u8]) -> usize;
+    /// Moves what has come into `bytes` and returns how many. Where `wait` is set it waits until at
+    /// least one byte has come; a board inside a host process returns 0 instead of waiting.
+    fn receive(&mut self, bytes: &mut [u8], wait: bool) -> usize;
 
     /// Sends all bytes.
     fn send(&mut self, bytes: &[u8]);
 
     /// What only the hardware knows.
     fn vitals(&mut self) -> Vitals;
+
+    /// Whether sensors have to be looked at even when no byte comes.
+    fn is_sampling(&mut self) -> bool {
+        false
+    }
+
+    /// What the sensor of a finger has to say, without waiting for it; `None` when that is nothing.
+    ///
+    /// # Errors
+    /// When the sensor cannot be read.
+    fn sample(&mut self, _finger: u8) -> Result<Option<Sample>, DriverError> {
+        Ok(None)
+    }
+
+    /// Has a scripted sensor show words; false where the finger has none.
+    fn show(&mut self, _words: &WordsFrame) -> bool {
+        false
+    }
 }
 
 /// What only the hardware knows; zero where it is not measured.
@@ -98,7 +122,10 @@ pub trait Onboard<S: WireSpace>: Tracker<S> {
 /// * a second motion, a contact beyond `CONTACTS` and impossible settings are refused;
 /// * a commit without contacts is an empty grasp: the tracker only predicts;
 /// * a belief and faces that a host knows better are taken by trackers that can, and refused otherwise.
-pub struct Device<T, S: WireSpace, const CONTACTS: usize> {
+///
+/// A device with `FINGERS` sensors also estimates contacts from what its [`Board`] samples. Those
+/// felt when a grasp is committed are part of it, of each finger of which the host has sent none.
+pub struct Device<T, S: WireSpace, const CONTACTS: usize, const FINGERS: usize = 0> {
     tracker: T,
     decoder: Decoder<Command<S>>,
     grasp: Grasp<S, CONTACTS>,
@@ -108,6 +135,7 @@ pub struct Device<T, S: WireSpace, const CONTACTS: usize> {
     health: Health,
     estimate: Option<EstimateFrame<S>>,
     modes: Modes<S>,
+    fingers: Fingers<S, FINGERS>,
     answer: Answer<S>,
     /// Whether a host has said `Hello`.
     greeted: bool,
@@ -117,7 +145,7 @@ pub struct Device<T, S: WireSpace, const CONTACTS: usize> {
 
 /// The frames that answer the last command, kept to be sent again.
 struct Answer<S> {
-    bytes: Vec<u8, { 3 * MAX_FRAME }>,
+    bytes: Vec<u8, { 4 * MAX_FRAME }>,
     /// Sequence number of the command.
     to: u8,
     /// Sequence number of the next frame.
@@ -129,7 +157,7 @@ impl<S: WireSpace> Answer<S> {
     fn add(&mut self, now: u32, message: Report<S>) {
         let mut buffer = [0; MAX_FRAME];
         let frame = Frame { sequence: self.next, time: Clock(now), message };
-        // Three frames of at most MAX_FRAME bytes fit, and no answer has more.
+        // Health, estimate, reply and a contact of every finger fit, and no answer has more.
         if let Ok(bytes) = encode(&frame, &mut buffer) {
             let _ = self.bytes.extend_from_slice(bytes);
         }
@@ -137,10 +165,16 @@ impl<S: WireSpace> Answer<S> {
     }
 }
 
-impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> {
+impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize, const FINGERS: usize>
+    Device<T, S, CONTACTS, FINGERS>
+{
+    /// A commit's answer holds a contact of every finger.
+    const FITS: () = assert!(FINGERS <= 5, "an answer has room for the contacts of five fingers");
+
     /// A device that has heard nothing yet. All zero bits when the tracker is, so that a static one
     /// takes no flash.
     pub const fn new(tracker: T) -> Self {
+        let () = Self::FITS;
         Device {
             tracker,
             decoder: Decoder::new(),
@@ -150,24 +184,55 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
             health: Health::NONE,
             estimate: None,
             modes: Modes::NONE,
+            fingers: Fingers::new(),
             answer: Answer { bytes: Vec::new(), to: 0, next: 0, space: PhantomData },
             greeted: false,
             ready: false,
         }
     }
 
-    /// Introduces the board, then obeys what `board` receives. Returns when it receives nothing,
-    /// which hardware never does.
+    /// Introduces the board, then obeys what `board` receives and samples its sensors. Returns when
+    /// it waits and receives nothing, which hardware never does.
     pub fn run(&mut self, board: &mut impl Board) {
         self.announce(board);
         let mut bytes = [0; 32];
         loop {
-            let count = board.receive(&mut bytes);
-            if count == 0 {
+            let wait = !board.is_sampling();
+            let count = board.receive(&mut bytes, wait);
+            if wait && count == 0 {
                 return;
             }
             self.take(bytes.get(..count).unwrap_or(&[]), board);
+            self.sense(board);
         }
+    }
+
+    /// Samples every sensor once and streams what is felt, where that is asked for.
+    pub fn sense<B: Board>(&mut self, board: &mut B) {
+        for finger in 0..self.fingers.count() {
+            let Some((time, contact)) = self.feel(finger, board) else { continue };
+            if self.greeted && self.fingers.is_due(finger, time) {
+                let frame = Frame {
+                    sequence: self.answer.next,
+                    time: Clock(time),
+                    message: Report::Contact(contact),
+                };
+                self.answer.next = self.answer.next.wrapping_add(1);
+                let mut buffer = [0; MAX_FRAME];
+                if let Ok(bytes) = encode(&frame, &mut buffer) {
+                    board.send(bytes);
+                }
+            }
+        }
+    }
+
+    /// Samples a finger's sensor: when, and what it feels.
+    fn feel<B: Board>(&mut self, finger: u8, board: &mut B) -> Option<(u32, ContactFrame<S>)> {
+        let outcome = board.sample(finger);
+        let time = outcome.map_or(None, |sample| sample).map_or(0, |sample| sample.time);
+        let contact = self.fingers.feel(finger, outcome)?;
+        let usual = self.settings.unwrap_or(Settings::DEFAULT).normal;
+        Some((time, ContactFrame::new(&contact, usual)))
     }
 
     /// Sends [`Report::Hello`] unasked, for whoever watches the line.
@@ -272,6 +337,25 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
                 self.modes = Modes::one(pose);
             }
             Command::Face(frame) => self.tracker.learn(&frame.face())?,
+            Command::Query(Topic::Finger(number)) => {
+                let finger = self.fingers.report(number).ok_or(Refusal::NoSuch)?;
+                self.answer.add(board.now(), Report::Finger(finger));
+            }
+            Command::FingertipPose(frame) => self.fingers.place(&frame)?,
+            Command::Sensor(frame) => self.fingers.tell(&frame)?,
+            Command::Tare { finger } => self.fingers.tare(finger)?,
+            Command::Stream { period } => self.fingers.set_stream(period)?,
+            Command::Words(frame) => {
+                if frame.finger >= self.fingers.count() {
+                    return Err(Refusal::NoSuch);
+                }
+                if !board.show(&frame) {
+                    return Err(Refusal::NotScripted);
+                }
+                if let Some((time, contact)) = self.feel(frame.finger, board) {
+                    self.answer.add(time, Report::Contact(contact));
+                }
+            }
         }
         Ok(())
     }
@@ -280,6 +364,7 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
         if !self.ready {
             self.start();
         }
+        self.add_felt(board);
         if self.grasp.contacts.is_empty() {
             self.health.empty = self.health.empty.saturating_add(1);
         }
@@ -298,6 +383,24 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
         self.report_health(board);
     }
 
+    /// Adds what the board's own sensors feel to the grasp.
+    fn add_felt(&mut self, board: &mut impl Board) {
+        let usual = self.settings.unwrap_or(Settings::DEFAULT).normal;
+        for finger in 0..self.fingers.count() {
+            let Some(contact) = self.fingers.take(finger) else { continue };
+            if self.grasp.contacts.iter().any(|sent| sent.finger == finger) {
+                continue;
+            }
+            match self.grasp.contacts.push(contact) {
+                Ok(()) => {
+                    let frame = ContactFrame::new(&contact, usual);
+                    self.answer.add(board.now(), Report::Felt(frame));
+                }
+                Err(_) => drop(self.overfull()),
+            }
+        }
+    }
+
     fn report_health(&mut self, board: &mut impl Board) {
         let vitals = board.vitals();
         self.health.overruns = vitals.overruns;
@@ -312,6 +415,7 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
         self.motion = None;
         self.estimate = None;
         self.modes = Modes::NONE;
+        self.fingers.forget();
         self.start();
     }
 
@@ -343,6 +447,7 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Device<T, S, CONTACTS> 
             contacts: CONTACTS.min(u16::MAX as usize) as u16,
             map: T::MAP.min(u16::MAX as usize) as u16,
             particles: T::PARTICLES.min(u16::MAX as usize) as u16,
+            fingers: self.fingers.count(),
         }
     }
 }

@@ -25,9 +25,11 @@ extern crate std;
 
 pub mod contact;
 pub mod device;
+pub mod driver;
 pub mod math;
 pub mod matrix;
 pub mod random;
+pub mod sensing;
 pub mod space;
 pub mod surface;
 pub mod track;

@@ -6,6 +6,8 @@
 
 #[cfg(target_os = "none")]
 pub mod board;
+#[cfg(all(target_os = "none", feature = "stm32f405"))]
+mod inbox;
 #[cfg(target_os = "none")]
 mod registers;
 #[cfg(target_os = "none")]
@@ -13,11 +15,14 @@ mod rescue;
 #[cfg(target_os = "none")]
 pub mod stack;
 
-/// A whole image: a device of this type obeys the board's UART for ever. On a
-/// host an empty `main`.
+/// A whole image: a device of this type obeys the board's UART for ever. With a second argument,
+/// what turns the board into one with sensors. On a host an empty `main`.
 #[macro_export]
 macro_rules! image {
     ($device:ident) => {
+        $crate::image!($device, core::convert::identity);
+    };
+    ($device:ident, $sensors:expr) => {
         #[cfg(not(target_os = "none"))]
         fn main() {}
 
@@ -29,7 +34,7 @@ macro_rules! image {
             #[cortex_m_rt::entry]
             fn main() -> ! {
                 static mut DEVICE: $device = $device::START;
-                let mut board = Selected::start();
+                let mut board = ($sensors)(Selected::start());
                 loop {
                     DEVICE.run(&mut board);
                 }

@@ -48,22 +48,38 @@ impl Registers {
     }
 }
 
-/// The interrupt controller: used only to wake the processor, no handler ever runs.
+/// Lets interrupt `number` call the default handler.
+#[cfg(feature = "stm32f405")]
+pub fn listen(number: usize) {
+    enable(number);
+    // SAFETY: the handlers share nothing with the main loop but atomics.
+    unsafe { cortex_m::interrupt::enable() };
+}
+
+/// Sets an interrupt's bit and returns the register's offset and the bit.
+fn enable(number: usize) -> (Registers, usize, u32) {
+    // SAFETY: the set-enable and clear-pending registers of the NVIC, which no one else uses.
+    let controller = unsafe { Registers::at(0xe000_e100) };
+    let (word, bit) = (4 * (number / 32), 1 << (number % 32));
+    controller.write(word, bit);
+    (controller, word, bit)
+}
+
+/// The interrupt controller, used only to wake the processor: no handler ever runs.
+#[cfg(feature = "mps2-an386")]
 pub struct Wake {
     controller: Registers,
     word: usize,
     bit: u32,
 }
 
+#[cfg(feature = "mps2-an386")]
 impl Wake {
     /// Lets interrupt `number` wake the processor, with all handlers masked.
     pub fn on(number: usize) -> Self {
-        // SAFETY: the set-enable and clear-pending registers of the NVIC, which no one else uses.
-        let controller = unsafe { Registers::at(0xe000_e100) };
         cortex_m::interrupt::disable();
-        let wake = Wake { controller, word: 4 * (number / 32), bit: 1 << (number % 32) };
-        controller.write(wake.word, wake.bit);
-        wake
+        let (controller, word, bit) = enable(number);
+        Wake { controller, word, bit }
     }
 
     /// Sleeps until the interrupt is pending; returns at once when it already is.

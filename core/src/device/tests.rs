@@ -106,7 +106,7 @@ impl Board for Bench {
         self.clock
     }
 
-    fn receive(&mut self, _: &mut [u8]) -> usize {
+    fn receive(&mut self, _: &mut [u8], _: bool) -> usize {
         0
     }
 

@@ -59,6 +59,10 @@ pub type SpatialDevice = Device<SpatialTracker, Spatial, CONTACTS>;
 pub type PlanarHypothesesDevice = Device<PlanarHypotheses, Planar, CONTACTS>;
 /// A spatial board with hypotheses over pose and faces.
 pub type SpatialHypothesesDevice = Device<SpatialHypotheses, Spatial, CONTACTS>;
+/// Fingertip sensors of a board that has any.
+pub const FINGERS: usize = 5;
+/// A spatial board with hypotheses over pose and faces and a sensor in each of five fingertips.
+pub type SpatialSensingDevice = Device<SpatialHypotheses, Spatial, CONTACTS, FINGERS>;
 /// A planar board whose particles own their faces.
 pub type PlanarRaoBlackwellDevice = Device<PlanarRaoBlackwell, Planar, CONTACTS>;
 /// A spatial board whose particles own their faces.
@@ -80,6 +84,11 @@ impl PlanarHypothesesDevice {
 }
 
 impl SpatialHypothesesDevice {
+    /// A board that has heard nothing; all zero bits.
+    pub const START: Self = Device::new(Hypotheses::new());
+}
+
+impl SpatialSensingDevice {
     /// A board that has heard nothing; all zero bits.
     pub const START: Self = Device::new(Hypotheses::new());
 }

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::codec::Counters;
 use super::quantity::{Clock, Fraction, WireSpace, nearest};
+use super::sensor::{FingerFrame, FingertipFrame, SensorFrame, WordsFrame};
 use crate::contact::{Contact, FreePoint};
 use crate::math;
 use crate::matrix::{Coordinates, Square};
@@ -54,7 +55,27 @@ pub enum Command<S: WireSpace> {
     Believe(BeliefFrame<S>),
     /// A face as the host knows it: adds to what [`Command::Believe`] began.
     Face(FaceFrame<S>),
+    /// Where a fingertip is from now on.
+    FingertipPose(FingertipFrame<S>),
+    /// Tells a fingertip's sensor what it has to know.
+    Sensor(SensorFrame),
+    /// The fingertip is free: its sensor is tared.
+    Tare {
+        /// Which finger, from 0.
+        finger: u8,
+    },
+    /// Asks for [`Report::Contact`] unasked from now on, of each finger that touches.
+    Stream {
+        /// Least microseconds from one to the next of the same finger: at least
+        /// [`SHORTEST_STREAM`], or 0 for none.
+        period: u32,
+    },
+    /// Has a scripted sensor show words; what it feels is answered with [`Report::Contact`].
+    Words(WordsFrame),
 }
+
+/// Least period of [`Command::Stream`], microseconds: 200 Hz.
+pub const SHORTEST_STREAM: u32 = 5000;
 
 /// Board to host.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -72,6 +93,12 @@ pub enum Report<S: WireSpace> {
     Mode(ModeFrame<S>),
     /// One of the object's faces.
     Face(FaceFrame<S>),
+    /// What a finger feels, in the world frame; its time is that of the sample.
+    Contact(ContactFrame<S>),
+    /// A contact that the board felt itself and that is part of the grasp just committed.
+    Felt(ContactFrame<S>),
+    /// How a finger fares.
+    Finger(FingerFrame),
 }
 
 /// What [`Command::Query`] asks for.
@@ -85,6 +112,8 @@ pub enum Topic {
     Mode(u8),
     /// [`Report::Face`] of this number, from 0, as the shape is now.
     Face(u8),
+    /// [`Report::Finger`] of this number, from 0.
+    Finger(u8),
 }
 
 /// Who is there.
@@ -106,6 +135,8 @@ pub struct Hello {
     pub map: u16,
     /// Particles or hypotheses of the tracker.
     pub particles: u16,
+    /// Fingertip sensors that the board reads itself.
+    pub fingers: u8,
 }
 
 /// How a board follows the object.
@@ -593,7 +624,7 @@ pub enum Refusal {
     Full,
     /// No grasp has been committed since the last reset.
     NoEstimate,
-    /// There is no mode or face of this number.
+    /// There is no mode, face or finger of this number.
     NoSuch,
     /// A number of a belief or face cannot be used, or a face came before any belief.
     Belief,
@@ -601,6 +632,19 @@ pub enum Refusal {
     MapFull,
     /// This tracker's belief cannot be replaced.
     Fixed,
+    /// A fingertip's pose is not finite.
+    Pose,
+    /// The sensor's calibration matrix is singular: some load would not be felt.
+    Singular,
+    /// A number of the sensor's settings is not finite, not positive where it must be, or out of
+    /// order.
+    Sensor,
+    /// This part is not of the kind of sensor that was begun last for this finger.
+    Part,
+    /// Contacts cannot be streamed that fast.
+    Rate,
+    /// The sensors are real: they show what they feel.
+    NotScripted,
 }
 
 impl core::fmt::Display for Refusal {
@@ -617,6 +661,12 @@ impl core::fmt::Display for Refusal {
             Refusal::Belief => "a number of the belief or face cannot be used",
             Refusal::MapFull => "the map has no room for another face",
             Refusal::Fixed => "the belief of this tracker cannot be replaced",
+            Refusal::Pose => "the fingertip's pose is not finite",
+            Refusal::Singular => "the calibration matrix is singular",
+            Refusal::Sensor => "a number of the sensor's settings cannot be",
+            Refusal::Part => "no sensor of that kind was begun for the finger",
+            Refusal::Rate => "contacts cannot be streamed that fast",
+            Refusal::NotScripted => "the finger has no scripted sensor",
         })
     }
 }

@@ -16,9 +16,21 @@ mod firmware {
     use tactile_core::device::{
         Onboard, PlanarHypotheses, PlanarTracker, SpatialHypotheses, SpatialTracker,
     };
-    use tactile_core::matrix::{Coordinates, Vector};
+    use tactile_core::driver::Sampler;
+    use tactile_core::driver::ads131m08::{self, Ads131m08};
+    use tactile_core::driver::biotac::{self, BioTac};
+    use tactile_core::driver::embedded_hal::delay::DelayNs;
+    use tactile_core::driver::embedded_hal::spi::{ErrorType, Operation, SpiDevice};
+    use tactile_core::driver::emulated::{Ads131m08Chip, BioTacChip};
+    use tactile_core::matrix::{Coordinates, Matrix, Vector};
     use tactile_core::random::Random;
-    use tactile_core::space::{Planar, Spatial};
+    use tactile_core::sensing::calibration::GaugeCalibration;
+    use tactile_core::sensing::fingertip::{Fingertip, Shape};
+    use tactile_core::sensing::{
+        ContactEstimator, ElectrodeEstimator, ElectrodeReading, ElectrodeSettings, GaugeReading,
+        Touch, WrenchEstimator, WrenchSettings,
+    };
+    use tactile_core::space::{Planar, Spatial, SpatialPose};
     use tactile_core::space::{Pose, Space};
     use tactile_core::surface::cholesky::packed;
     use tactile_core::surface::{Ball, Gpis, Map, Prior, Surface, ThinPlate, Training};
@@ -217,6 +229,173 @@ mod firmware {
         hprintln!("{:<48} {:>10}", "  grasp update, 5 contacts, longest", longest);
     }
 
+    /// An emulated chip, or afterwards a line that repeats bytes: what is left is the driver.
+    enum Bus<C> {
+        Chip(C),
+        Repeated([u8; ads131m08::FRAME]),
+    }
+
+    impl<C> ErrorType for Bus<C> {
+        type Error = core::convert::Infallible;
+    }
+
+    impl<C: SpiDevice<Error = core::convert::Infallible>> SpiDevice for Bus<C> {
+        fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Self::Error> {
+            let bytes = match self {
+                Bus::Chip(chip) => return chip.transaction(operations),
+                Bus::Repeated(bytes) => bytes,
+            };
+            for operation in operations {
+                if let Operation::TransferInPlace(out) = operation {
+                    for (out, byte) in out.iter_mut().zip(bytes.iter()) {
+                        *out = *byte;
+                    }
+                }
+            }
+            Ok(())
+        }
+    }
+
+    struct NoDelay;
+
+    impl DelayNs for NoDelay {
+        fn delay_ns(&mut self, _: u32) {}
+    }
+
+    /// What a driver spends on one reading, beside the transfer itself.
+    #[inline(never)]
+    fn drivers(counter: &Counter) -> u32 {
+        let chip = Ads131m08Chip::showing([1000, -2000, 3000, -4000, 5000, -6000, 0, 0]);
+        let mut gauges = Ads131m08::polled(Bus::Chip(chip), NoDelay, ads131m08::Settings::GAUGES);
+        let started = gauges.start();
+        // What the chip answers to no command, whose checksum this is.
+        let mut frame = [0; ads131m08::FRAME];
+        [frame[3], frame[4]] = [0xcc, 0x9c];
+        let _ = gauges.spi().transfer_in_place(&mut frame);
+        *gauges.spi() = Bus::Repeated(frame);
+        let mut read = Ok(None);
+        hprintln!("drivers, one reading, without the transfer:");
+        let spent = counter.count(|| read = gauges.poll());
+        hprintln!("{:<48} {:>10}", "  ADS131M08, a frame of eight channels", spent);
+        let mut bytes = [0; ads131m08::FRAME];
+        bytes[..2].copy_from_slice(&biotac::encode(2893));
+        let mut sensor = BioTac::new(Bus::<BioTacChip>::Repeated(bytes), NoDelay);
+        let mut whole = Ok(biotac::Frame::ZERO);
+        counter.report("  BioTac, a frame of 44 slots", || whole = sensor.sample());
+        if !matches!((started, read, whole), (Ok(()), Ok(Some(_)), Ok(_))) {
+            hprintln!("not what was to be counted: {:?} {:?} {:?}", started, read, whole);
+            debug::exit(debug::EXIT_FAILURE);
+        }
+        spent
+    }
+
+    /// Feeds an estimator a tare, then presses; counts a reading once its window is full.
+    fn press<E: ContactEstimator>(
+        counter: &Counter,
+        name: &str,
+        estimator: &mut E,
+        (free, pressed): (E::Reading, E::Reading),
+    ) -> u32 {
+        let mut time = 0;
+        for _ in 0..300 {
+            time += 1000;
+            black_box(estimator.estimate(&free, time)).ok();
+        }
+        for _ in 0..20 {
+            time += 1000;
+            black_box(estimator.estimate(&pressed, time)).ok();
+        }
+        let mut touch = Err(tactile_core::sensing::NoContact::Taring);
+        let spent = counter.count(|| touch = estimator.estimate(&pressed, time + 1000));
+        if touch.is_err() {
+            hprintln!("not what was to be counted: {:?}", touch);
+            debug::exit(debug::EXIT_FAILURE);
+        }
+        hprintln!("{:<48} {:>10}", name, spent);
+        for _ in 0..20 {
+            time += 1000;
+            black_box(estimator.estimate(&free, time)).ok();
+        }
+        let free = counter.count(|| touch = estimator.estimate(&free, time + 1000));
+        hprintln!("{:<48} {:>10}", "    while nothing touches", free);
+        spent
+    }
+
+    /// From readings to contacts, and what a hand of five fingers spends on them.
+    #[inline(never)]
+    fn estimators(
+        counter: &Counter,
+        wrench: &mut WrenchEstimator,
+        electrodes: &mut ElectrodeEstimator,
+    ) -> u32 {
+        hprintln!("estimators, one reading of a finger that touches:");
+        let shapes = [
+            ("  wrench, sphere", Shape::Sphere { radius: 0.008 }),
+            ("  wrench, ellipsoid", Shape::Ellipsoid { half_axes: Vector([0.012, 0.008, 0.007]) }),
+            ("  wrench, cylinder with cap", Shape::CappedCylinder { radius: 0.008, length: 0.02 }),
+        ];
+        let mut matrix = [[0.0; 6]; 6];
+        for (k, row) in matrix.iter_mut().enumerate() {
+            row[k] = WrenchSettings::NANO17[k] / 8e6;
+        }
+        let mut most = 0;
+        for (name, shape) in shapes {
+            let range = (-0x80_0000, 0x7f_ffff);
+            let Ok(gauges) = GaugeCalibration::new(matrix, range, WrenchSettings::NANO17) else {
+                return 0;
+            };
+            let settings = WrenchSettings::nano17(gauges, Fingertip { shape, edge: None });
+            if wrench.configure(&settings).is_err() {
+                return 0;
+            }
+            // 1.5 N on the side that faces down, a little of it along the finger.
+            let (point, force) = (Vector([0.0, 0.0, -0.007]), Vector([0.2, 0.0, 1.5]));
+            let moment = point.cross(force);
+            let load = [force[0], force[1], force[2], moment[0], moment[1], moment[2]];
+            let words =
+                core::array::from_fn(|k| (load[k] / WrenchSettings::NANO17[k] * 8e6) as i32);
+            most =
+                most.max(press(counter, name, wrench, (GaugeReading([0; 6]), GaugeReading(words))));
+        }
+        if electrodes.configure(&ElectrodeSettings::BIOTAC).is_err() {
+            return 0;
+        }
+        let mut pressed = [3000; 19];
+        for (electrode, word) in [(16, 2000), (1, 2800), (11, 2800), (9, 2900), (17, 2950)] {
+            pressed[electrode] = word;
+        }
+        let readings = (ElectrodeReading([3000; 19]), ElectrodeReading(pressed));
+        press(counter, "  electrodes", electrodes, readings);
+        most
+    }
+
+    /// What a fingertip spends on its place in the world, and five on everything at 1 kHz.
+    #[inline(never)]
+    fn hand(counter: &Counter, driver: u32, estimator: u32) {
+        let touch = Touch {
+            time: 0,
+            point: Vector([0.0, 0.0, -0.008]),
+            normal: Vector([0.0, 0.0, 1.0]),
+            force: Vector([0.0, 0.0, 1.5]),
+            covariance: Matrix([[1e-8, 0.0, 0.0], [0.0, 1e-8, 0.0], [0.0, 0.0, 1e-8]]),
+            normal_deviation: 0.01,
+            slip: None,
+        };
+        let (touch, pose) = black_box((touch, SpatialPose::IDENTITY));
+        let mut contact = None;
+        let placing = counter.count(|| contact = touch.contact::<Spatial>(&pose, 0));
+        black_box(contact);
+        hprintln!("{:<48} {:>10}", "  a contact in the world", placing);
+        // Of 168 million a second, in hundredths of a percent.
+        let share = u64::from(5 * 1000 * (driver + estimator + placing)) * 10_000 / 168_000_000;
+        hprintln!("five fingers with gauges at 1 kHz, without the transfers:");
+        hprintln!(
+            "  driver, estimator, contact: {}.{:02} instructions for every 100 cycles of 168 MHz",
+            share / 100,
+            share % 100
+        );
+    }
+
     #[cortex_m_rt::entry]
     fn main() -> ! {
         static mut PLATE: Plate = Plate::new();
@@ -224,6 +403,8 @@ mod firmware {
         static mut SPATIAL: SpatialTracker = SpatialTracker::new(Gpis::new());
         static mut PLANAR_HYPOTHESES: PlanarHypotheses = PlanarHypotheses::new();
         static mut SPATIAL_HYPOTHESES: SpatialHypotheses = SpatialHypotheses::new();
+        static mut WRENCH: WrenchEstimator = WrenchEstimator::new();
+        static mut ELECTRODES: ElectrodeEstimator = ElectrodeEstimator::new();
         let _board = Selected::start();
         let counter = Counter::new();
         hprintln!("instructions, Cortex-M4F, counted by QEMU");
@@ -232,6 +413,9 @@ mod firmware {
         update::<Spatial, _, _>(&counter, "spatial", SPATIAL);
         follow::<Planar, _>(&counter, "planar hypotheses", PLANAR_HYPOTHESES);
         follow::<Spatial, _>(&counter, "spatial hypotheses", SPATIAL_HYPOTHESES);
+        let driver = drivers(&counter);
+        let estimator = estimators(&counter, WRENCH, ELECTRODES);
+        hand(&counter, driver, estimator);
         loop {
             debug::exit(debug::EXIT_SUCCESS);
         }

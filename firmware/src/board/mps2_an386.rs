@@ -68,7 +68,7 @@ impl Board for Mps2An386 {
         (self.elapsed / u64::from(CLOCK / 1_000_000)) as u32
     }
 
-    fn receive(&mut self, bytes: &mut [u8]) -> usize {
+    fn receive(&mut self, bytes: &mut [u8], wait: bool) -> usize {
         let mut count = 0;
         while let Some(slot) = bytes.get_mut(count) {
             let state = UART.read(STATE);
@@ -79,7 +79,7 @@ impl Board for Mps2An386 {
             if state & RX_FULL != 0 {
                 *slot = UART.read(DATA) as u8;
                 count += 1;
-            } else if count > 0 {
+            } else if count > 0 || !wait {
                 break;
             } else {
                 self.wake.sleep();

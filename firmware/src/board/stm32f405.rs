@@ -1,11 +1,17 @@
 //! STM32F405 (reference manual RM0090) by its registers: `USART1` on PA9 (out) and PA10 (in), `TIM2`
 //! as the microsecond clock. The same image runs on silicon and on QEMU's `netduinoplus2`.
 
+mod spi;
+
+use cortex_m_rt::exception;
 use tactile_core::device::{Board, Vitals};
 use tactile_core::wire::BoardKind;
 
-use crate::registers::{Registers, Wake};
+use crate::inbox::Inbox;
+use crate::registers::{Registers, listen};
 use crate::stack;
+
+pub use spi::{Chip, Delay};
 
 /// Frequency of the crystal, for `TACTILE_HSE_HZ` at build time; 8 MHz on most boards.
 const CRYSTAL: u32 = number(option_env!("TACTILE_HSE_HZ"), 8_000_000);
@@ -50,10 +56,26 @@ const USART1_INTERRUPT: usize = 37;
 
 const COUNT: usize = 0x24;
 
+/// What has come, until the main loop has time: a sensor's estimate takes longer than a byte, and
+/// a host may send its next command while contacts are streamed to it.
+static INBOX: Inbox = Inbox::new();
+
+/// Takes a byte out of the UART, which holds one only. The one interrupt that is enabled.
+#[exception]
+unsafe fn DefaultHandler(_number: i16) {
+    let status = USART1.read(SR);
+    if status & OVERRUN != 0 {
+        INBOX.lose();
+    }
+    // Reading the data also clears the overrun.
+    if status & (RX_NOT_EMPTY | OVERRUN) != 0 {
+        INBOX.put(USART1.read(DR) as u8);
+    }
+}
+
 /// The board. Make one only.
 pub struct Stm32f405 {
-    wake: Wake,
-    overruns: u32,
+    _private: (),
 }
 
 /// Frequencies after start, Hz.
@@ -83,9 +105,11 @@ impl Stm32f405 {
         GPIOA.change(0x0c, 0xf << 18, 0b0100 << 18);
         GPIOA.change(0x24, 0xff0, 0x770);
         USART1.write(BRR, (clocks.usart + BAUD / 2) / BAUD);
-        // UART, transmitter, receiver, and the receiver's interrupt to wake from sleep.
+        // UART, transmitter, receiver, and the receiver's interrupt.
         USART1.write(CR1, 1 << 13 | 1 << 3 | 1 << 2 | RX_NOT_EMPTY);
-        Stm32f405 { wake: Wake::on(USART1_INTERRUPT), overruns: 0 }
+        listen(USART1_INTERRUPT);
+        spi::start();
+        Stm32f405 { _private: () }
     }
 }
 
@@ -128,21 +152,21 @@ impl Board for Stm32f405 {
         TIM2.read(COUNT)
     }
 
-    fn receive(&mut self, bytes: &mut [u8]) -> usize {
+    fn receive(&mut self, bytes: &mut [u8], wait: bool) -> usize {
         let mut count = 0;
         while let Some(slot) = bytes.get_mut(count) {
-            let status = USART1.read(SR);
-            if status & OVERRUN != 0 {
-                self.overruns = self.overruns.saturating_add(1);
-            }
-            // Reading the data also clears the overrun.
-            if status & (RX_NOT_EMPTY | OVERRUN) != 0 {
-                *slot = USART1.read(DR) as u8;
-                count += 1;
-            } else if count > 0 {
-                break;
-            } else {
-                self.wake.sleep();
+            match INBOX.take() {
+                Some(byte) => {
+                    *slot = byte;
+                    count += 1;
+                }
+                None if count > 0 || !wait => break,
+                // With the handler held back a byte that comes before the sleep ends it at once.
+                None => cortex_m::interrupt::free(|_| {
+                    if INBOX.is_empty() {
+                        cortex_m::asm::wfi();
+                    }
+                }),
             }
         }
         count
@@ -157,7 +181,7 @@ impl Board for Stm32f405 {
     }
 
     fn vitals(&mut self) -> Vitals {
-        Vitals { overruns: self.overruns, peak_stack: stack::peak(), stack: stack::size() }
+        Vitals { overruns: INBOX.lost(), peak_stack: stack::peak(), stack: stack::size() }
     }
 }
 

@@ -12,7 +12,7 @@ use crate::experiment::chapter2::{self, FIGURES};
 use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{
     Picture, calibration, chapter3, data, exploration, graphs, localization, memory, pose_graphs,
-    push, shapes, tracking,
+    push, sensing, shapes, tracking,
 };
 use crate::graph;
 use crate::log::write::write_atomically;
@@ -126,8 +126,12 @@ const EXPLORATION: [&str; 2] = ["table-4.2", "table-4.3"];
 /// The standard pose graphs of the field; seeds are repetitions.
 const POSE_GRAPHS: &str = "pose-graphs";
 
+/// How well a force/torque transducer, and electrodes, feel contacts.
+const WRENCH: &str = "sensing-wrench";
+const ELECTRODES: &str = "sensing-electrodes";
+
 /// What is quick and no figure of the thesis.
-const OTHERS: [&str; 1] = ["push"];
+const OTHERS: [&str; 3] = ["push", WRENCH, ELECTRODES];
 
 /// Not part of `all`, which would take hours with them.
 const LONG: [&str; 8] =
@@ -373,6 +377,16 @@ fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
     if name == "table-3.1" {
         let table = localization::run(data().as_deref(), args.seeds()).map_err(Error::failure)?;
         return Outcome::new(name, &table, None);
+    }
+    if name == WRENCH {
+        let table = sensing::wrench::run(args.seeds()).map_err(Error::failure)?;
+        let picture = table.picture().map_err(Error::failure)?;
+        return Outcome::new(name, &table, Some(picture));
+    }
+    if name == ELECTRODES {
+        let table = sensing::electrodes::run(args.seeds()).map_err(Error::failure)?;
+        let picture = table.picture().map_err(Error::failure)?;
+        return Outcome::new(name, &table, Some(picture));
     }
     let table = push::run(data().as_deref()).map_err(Error::input)?;
     Outcome::new(name, &table, None)

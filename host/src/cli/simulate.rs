@@ -5,8 +5,10 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::{Error, say};
+use crate::log::words::Kind;
 use crate::quantity::{self, Deviation};
 use crate::shape::Geometry;
+use crate::sim::sensed::sense;
 use crate::sim::{ObjectSpec, Options, Touch, simulate};
 
 /// Make a grasp log of a simulated object, with its true shape and poses
@@ -43,6 +45,10 @@ pub struct SimulateArgs {
     /// Which part of the contacts is wild: within 30 mm of the surface, with any normal
     #[arg(long, value_name = "FRACTION", default_value_t = 0.0)]
     outliers: f64,
+    /// Put sensors into the fingertips: contacts are then those a board's estimators make of their
+    /// words, which the log keeps. Takes the place of --contact-noise and --outliers
+    #[arg(long, value_enum, value_name = "KIND", conflicts_with_all = ["contact_noise", "outliers"])]
+    sensors: Option<Kind>,
     /// The same seed gives the same log
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -67,20 +73,28 @@ pub fn run(args: &SimulateArgs) -> Result<(), Error> {
         grasps: args.grasps,
         contacts: args.contacts,
         touch: args.touch,
-        contact_noise: args.contact_noise,
+        contact_noise: match args.sensors {
+            Some(_) => Deviation { length: 0.0, angle: 0.0 },
+            None => args.contact_noise,
+        },
         motion_noise: args.motion_noise,
         outliers: args.outliers,
         free: true,
         seed: args.seed,
     };
-    let simulation = simulate(&options).map_err(Error::input)?;
+    let mut simulation = simulate(&options).map_err(Error::input)?;
+    let mut unfelt = String::new();
+    if let Some(kind) = args.sensors {
+        let sensed = sense(&mut simulation, kind, args.seed).map_err(Error::input)?;
+        unfelt = format!("; {} touches were not felt", sensed.unfelt);
+    }
     simulation.write(&args.output).map_err(Error::input)?;
     let grasps = &simulation.log.grasps;
     let contacts: usize = grasps.iter().map(|g| g.contacts.len()).sum();
     let free: usize = grasps.iter().map(|g| g.free.len()).sum();
     let plural = if grasps.len() == 1 { "" } else { "s" };
     say(format_args!(
-        "{}: {} grasp{plural}, {contacts} contacts, {free} free points{}",
+        "{}: {} grasp{plural}, {contacts} contacts, {free} free points{unfelt}{}",
         args.output.display(),
         grasps.len(),
         match simulation.geometry {
@@ -135,6 +149,13 @@ mod tests {
         assert_eq!((log.noise.point, log.noise.normal), (Some(0.002), None));
         assert_eq!((log.noise.translation, log.noise.rotation), (None, Some(0.1)));
         assert!(folder.path().join("a.ply").exists());
+
+        let sensed = "--object box:0.12x0.06x0.06 --grasps 3 --sensors electrodes";
+        run_line(sensed, &path).unwrap();
+        let log = GraspLog::read(&path).unwrap();
+        let sensors = crate::log::words::Sensors::of(&log).unwrap().unwrap();
+        assert_eq!(sensors.kind, Kind::Electrodes);
+        assert!(log.grasps.iter().flat_map(|g| &g.contacts).all(|c| c.force.is_some()));
     }
 
     #[test]
@@ -155,6 +176,10 @@ mod tests {
             ("--object sphere:0.1 --motion-noise 10mm", "a length and an angle"),
             ("--object sphere:0.1 --outliers 2", "--outliers: expected a fraction from 0 to 1"),
             ("--object sphere:0.1 --seed x", "--seed"),
+            ("--object sphere:0.1 --sensors skin", "possible values: wrench, electrodes"),
+            ("--object sphere:0.1 --sensors wrench --outliers 0.1", "cannot be used with"),
+            ("--object hexagon:0.05 --sensors wrench", "expected a spatial object"),
+            ("--object sphere:0.1 --touch uniform --sensors wrench", "expected --touch hand"),
         ] {
             let error = run_line(words, &path).unwrap_err();
             assert!(error.contains(expected), "{words}: {error}");

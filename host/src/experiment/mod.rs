@@ -12,6 +12,7 @@ pub mod model;
 pub mod pose_graphs;
 pub mod proportion;
 pub mod push;
+pub mod sensing;
 pub mod shapes;
 pub mod touches;
 pub mod tracking;

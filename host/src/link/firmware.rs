@@ -98,14 +98,22 @@ impl Machine {
 }
 
 /// Every image with a tracker: its name, the dimension and how it follows the object.
-pub const IMAGES: [(&str, usize, TrackerKind); 4] = [
+pub const IMAGES: [(&str, usize, TrackerKind); 6] = [
     ("planar", 2, TrackerKind::Bootstrap),
     ("spatial", 3, TrackerKind::Bootstrap),
     ("planar-hypotheses", 2, TrackerKind::Hypotheses),
     ("spatial-hypotheses", 3, TrackerKind::Hypotheses),
+    (SENSING, 3, TrackerKind::Hypotheses),
+    (GAUGES, 3, TrackerKind::Hypotheses),
 ];
 
-/// The image that follows objects so in this many dimensions; `None` where there is none.
+/// The image whose fingertips have sensors that a host scripts.
+pub const SENSING: &str = "spatial-sensing";
+/// The image that reads five ADS131M08 over `SPI1`: for the STM32F405 only.
+pub const GAUGES: &str = "spatial-gauges";
+
+/// The image without sensors that follows objects so in this many dimensions; `None` where there is
+/// none.
 pub fn image_for(dimension: usize, tracker: TrackerKind) -> Option<&'static str> {
     IMAGES.iter().find(|i| (i.1, i.2) == (dimension, tracker)).map(|i| i.0)
 }

@@ -19,7 +19,7 @@ use std::time::Duration;
 pub use fault::{Faults, Faulty};
 pub use lesson::Lesson;
 pub use recorder::Recorder;
-pub use session::{GraspOutcome, LogOutcome, Patience, Session, SessionError};
+pub use session::{FeltContact, GraspOutcome, LogOutcome, Patience, Session, SessionError};
 
 /// Bytes both ways.
 pub trait Link {

@@ -12,9 +12,10 @@ use std::time::{Duration, Instant};
 use tactile_core::contact::{Contact, FreePoint};
 use tactile_core::track::{MotionNoise, Observability, Status};
 use tactile_core::wire::{
-    Clock, Command, ContactFrame, Counters, Decoder, EstimateFrame, FaceFrame, Frame, FrameError,
-    FreeFrame, Health, Hello, MAX_FRAME, ModeFrame, MotionFrame, PROTOCOL, Refusal, Report,
-    Settings, Topic, WireSpace, encode,
+    Arrival, Clock, Command, ContactFrame, Counters, Decoder, EstimateFrame, FaceFrame,
+    FingerFrame, FingertipFrame, Frame, FrameError, FreeFrame, Health, Hello, MAX_FRAME, ModeFrame,
+    MotionFrame, PROTOCOL, Refusal, Report, SensorFrame, SensorPart, Settings, Topic, WireSpace,
+    WordsFrame, encode,
 };
 
 use super::Link;
@@ -120,6 +121,17 @@ pub struct GraspOutcome<S: WireSpace> {
     pub not_sent: usize,
     /// From the first frame of the grasp to the estimate.
     pub elapsed: Duration,
+    /// What the board's own sensors added to the grasp.
+    pub felt: Vec<ContactFrame<S>>,
+}
+
+/// What a finger of the board felt.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FeltContact<S: WireSpace> {
+    /// When it was sampled, microseconds of the sensor's clock, wrapping.
+    pub time: u32,
+    /// What, in the world frame.
+    pub contact: ContactFrame<S>,
 }
 
 /// What a board made of a whole log.
@@ -187,6 +199,7 @@ pub struct Session<S: WireSpace, L> {
     settings: Settings,
     committed: u32,
     repeated: u32,
+    contacts: Vec<FeltContact<S>>,
 }
 
 /// What came with a reply.
@@ -196,11 +209,21 @@ struct Answer<S: WireSpace> {
     health: Option<Health>,
     mode: Option<ModeFrame<S>>,
     face: Option<FaceFrame<S>>,
+    finger: Option<FingerFrame>,
+    felt: Vec<ContactFrame<S>>,
 }
 
 impl<S: WireSpace> Default for Answer<S> {
     fn default() -> Self {
-        Answer { hello: None, estimate: None, health: None, mode: None, face: None }
+        Answer {
+            hello: None,
+            estimate: None,
+            health: None,
+            mode: None,
+            face: None,
+            finger: None,
+            felt: Vec::new(),
+        }
     }
 }
 
@@ -220,6 +243,7 @@ impl<S: WireSpace, L: Link> Session<S, L> {
             settings: Settings::DEFAULT,
             committed: 0,
             repeated: 0,
+            contacts: Vec::new(),
         };
         let answer = session.ask("hello", Command::Hello { protocol: PROTOCOL })?;
         if let Some(hello) = answer.hello
@@ -319,6 +343,81 @@ impl<S: WireSpace, L: Link> Session<S, L> {
         }
     }
 
+    /// Tells the board where a fingertip is, in the world.
+    ///
+    /// # Errors
+    /// No answer, no such finger, a pose that is not finite.
+    pub fn place_fingertip(&mut self, finger: u8, pose: &S::Pose) -> Result<(), SessionError> {
+        let frame = FingertipFrame::new(finger, pose);
+        self.ask("fingertip pose", Command::FingertipPose(frame)).map(|_| ())
+    }
+
+    /// Tells a finger's sensor its settings, part by part, and puts them to use.
+    ///
+    /// # Errors
+    /// No answer, or a refusal: [`Refusal::Singular`] for a calibration matrix without inverse.
+    pub fn set_up_sensor(&mut self, finger: u8, parts: &[SensorPart]) -> Result<(), SessionError> {
+        for &part in parts.iter().chain([&SensorPart::Use]) {
+            self.ask("sensor", Command::Sensor(SensorFrame { finger, part }))?;
+        }
+        Ok(())
+    }
+
+    /// Takes a finger for free.
+    ///
+    /// # Errors
+    /// No answer, or no such finger.
+    pub fn tare(&mut self, finger: u8) -> Result<(), SessionError> {
+        self.ask("tare", Command::Tare { finger }).map(|_| ())
+    }
+
+    /// Asks for contacts as they are felt, at most one of each finger in `period` microseconds; 0
+    /// for no more. They are collected as the session hears them: see [`Session::contacts`].
+    ///
+    /// # Errors
+    /// No answer, or a period that is too short.
+    pub fn stream(&mut self, period: u32) -> Result<(), SessionError> {
+        self.ask("stream", Command::Stream { period }).map(|_| ())
+    }
+
+    /// Listens for `time`, without asking anything.
+    ///
+    /// # Errors
+    /// When the link fails.
+    pub fn listen(&mut self, time: Duration) -> Result<(), SessionError> {
+        let mut answer = Answer::default();
+        // Replies to nothing are ignored: this ends when the time is over.
+        self.hear("listen", None, Instant::now() + time, &mut answer).map(|_| ())
+    }
+
+    /// Takes out what was felt and heard since the last call, in the order it came.
+    pub fn contacts(&mut self) -> Vec<FeltContact<S>> {
+        std::mem::take(&mut self.contacts)
+    }
+
+    /// Has a scripted sensor show words; gives what it feels then, if the finger touches.
+    ///
+    /// # Errors
+    /// No answer, no such finger, or one whose sensor is real.
+    pub fn show(&mut self, words: WordsFrame) -> Result<Option<FeltContact<S>>, SessionError> {
+        let before = self.contacts.len();
+        self.ask("words", Command::Words(words))?;
+        let mine = |felt: &FeltContact<S>| {
+            felt.contact.finger == words.finger && felt.time == words.time.0
+        };
+        Ok(self.contacts.iter().skip(before).copied().find(mine))
+    }
+
+    /// How a finger of the board fares.
+    ///
+    /// # Errors
+    /// No answer, or no such finger.
+    pub fn finger(&mut self, number: u8) -> Result<FingerFrame, SessionError> {
+        self.wanted("finger", Command::Query(Topic::Finger(number)), |a| {
+            a.finger.filter(|f| f.finger == number)
+        })
+    }
+
     /// One grasp: motion since the last (`None`: unknown), what was felt and what was not, world
     /// frame.
     ///
@@ -343,8 +442,10 @@ impl<S: WireSpace, L: Link> Session<S, L> {
             self.ask("free point", Command::Free(FreeFrame::new(free)))?;
         }
         let due = self.committed;
-        let (estimate, health) = self.wanted("commit", Command::Commit, |answer| {
-            answer.estimate.zip(answer.health).filter(|(e, _)| e.grasp >= due)
+        let (estimate, health, felt) = self.wanted("commit", Command::Commit, |answer| {
+            let (estimate, health) =
+                answer.estimate.zip(answer.health).filter(|(e, _)| e.grasp >= due)?;
+            Some((estimate, health, std::mem::take(&mut answer.felt)))
         })?;
         if estimate.grasp != due {
             return Err(SessionError::WrongGrasp { due, got: estimate.grasp });
@@ -359,7 +460,7 @@ impl<S: WireSpace, L: Link> Session<S, L> {
             _ => Vec::new(),
         };
         let not_sent = contacts.len().saturating_sub(room);
-        Ok(GraspOutcome { estimate, modes, health, not_sent, elapsed })
+        Ok(GraspOutcome { estimate, modes, health, not_sent, elapsed, felt })
     }
 
     /// Replaces what the board believes by what the host knows better.
@@ -412,7 +513,9 @@ impl<S: WireSpace, L: Link> Session<S, L> {
             let first = attempt == 0 && !matches!(command, Command::Hello { .. });
             self.link.send(if first { wire } else { &again })?;
             let deadline = Instant::now() + wait;
-            if self.hear(name, sequence, deadline, &mut answer)?
+            // What came with an answer that was cut short comes again.
+            answer.felt.clear();
+            if self.hear(name, Some(sequence), deadline, &mut answer)?
                 && let Some(result) = found(&mut answer)
             {
                 return Ok(result);
@@ -430,11 +533,11 @@ impl<S: WireSpace, L: Link> Session<S, L> {
         })
     }
 
-    /// Collects reports until the reply to `sequence`: true. False when the time is over.
+    /// Collects reports until the reply to `sequence`, if any: true. False when the time is over.
     fn hear(
         &mut self,
         name: &'static str,
-        sequence: u8,
+        sequence: Option<u8>,
         deadline: Instant,
         answer: &mut Answer<S>,
     ) -> Result<bool, SessionError> {
@@ -458,7 +561,14 @@ impl<S: WireSpace, L: Link> Session<S, L> {
                 Report::Health(health) => answer.health = Some(health),
                 Report::Mode(mode) => answer.mode = Some(mode),
                 Report::Face(face) => answer.face = Some(face),
-                Report::Reply(reply) if reply.to == sequence => {
+                Report::Finger(finger) => answer.finger = Some(finger),
+                Report::Felt(contact) => answer.felt.push(contact),
+                Report::Contact(_) if received.arrival == Arrival::Doubled => {}
+                Report::Contact(contact) => {
+                    let time = received.frame.time.0;
+                    self.contacts.push(FeltContact { time, contact });
+                }
+                Report::Reply(reply) if Some(reply.to) == sequence => {
                     return match reply.refusal {
                         None => Ok(true),
                         Some(Refusal::NotGreeted) => Err(SessionError::Restarted { command: name }),

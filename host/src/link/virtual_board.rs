@@ -6,16 +6,17 @@ use std::time::{Duration, Instant};
 
 use tactile_core::device::{
     Board, Device, Onboard, PlanarDevice, PlanarHypothesesDevice, PlanarRaoBlackwellDevice,
-    SpatialDevice, SpatialHypothesesDevice, SpatialRaoBlackwellDevice, Vitals,
+    Scripted, SpatialDevice, SpatialHypothesesDevice, SpatialRaoBlackwellDevice,
+    SpatialSensingDevice, Vitals,
 };
 use tactile_core::wire::{BoardKind, TrackerKind, WireSpace};
 
 use super::Link;
 
-/// A device and the bytes it has sent.
-pub struct VirtualBoard<T, S: WireSpace, const CONTACTS: usize> {
-    device: Box<Device<T, S, CONTACTS>>,
-    wires: Wires,
+/// A device and the bytes it has sent. Its fingertip sensors, if any, are scripted.
+pub struct VirtualBoard<T, S: WireSpace, const CONTACTS: usize, const FINGERS: usize = 0> {
+    device: Box<Device<T, S, CONTACTS, FINGERS>>,
+    wires: Scripted<Wires, FINGERS>,
 }
 
 /// What a virtual board has for hardware.
@@ -31,7 +32,7 @@ impl Board for Wires {
         self.start.elapsed().as_micros() as u32
     }
 
-    fn receive(&mut self, _: &mut [u8]) -> usize {
+    fn receive(&mut self, _: &mut [u8], _: bool) -> usize {
         0
     }
 
@@ -44,11 +45,13 @@ impl Board for Wires {
     }
 }
 
-impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> VirtualBoard<T, S, CONTACTS> {
+impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize, const FINGERS: usize>
+    VirtualBoard<T, S, CONTACTS, FINGERS>
+{
     /// Switches the device on; it introduces itself.
-    pub fn start(device: Box<Device<T, S, CONTACTS>>) -> Self {
-        let mut board =
-            VirtualBoard { device, wires: Wires { start: Instant::now(), sent: VecDeque::new() } };
+    pub fn start(device: Box<Device<T, S, CONTACTS, FINGERS>>) -> Self {
+        let wires = Wires { start: Instant::now(), sent: VecDeque::new() };
+        let mut board = VirtualBoard { device, wires: Scripted::new(wires) };
         board.device.announce(&mut board.wires);
         board
     }
@@ -68,6 +71,12 @@ pub fn start(dimension: usize, tracker: TrackerKind) -> Option<Box<dyn Link>> {
     }
 }
 
+/// A virtual board as the firmware's image `spatial-sensing`: hypotheses in space, and five
+/// fingertips whose sensors show what they are told.
+pub fn start_sensing() -> Box<dyn Link> {
+    Box::new(VirtualBoard::start(Box::new(SpatialSensingDevice::START)))
+}
+
 fn on<T, S, const CONTACTS: usize>(device: Device<T, S, CONTACTS>) -> Option<Box<dyn Link>>
 where
     T: Onboard<S> + 'static,
@@ -76,15 +85,22 @@ where
     Some(Box::new(VirtualBoard::start(Box::new(device))))
 }
 
-impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize> Link for VirtualBoard<T, S, CONTACTS> {
+impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize, const FINGERS: usize> Link
+    for VirtualBoard<T, S, CONTACTS, FINGERS>
+{
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.device.take(bytes, &mut self.wires);
         Ok(())
     }
 
     fn receive(&mut self, bytes: &mut [u8], _: Duration) -> io::Result<usize> {
-        let count = bytes.len().min(self.wires.sent.len());
-        for (byte, sent) in bytes.iter_mut().zip(self.wires.sent.drain(..count)) {
+        // Whoever listens gives the board time to look at its sensors.
+        if self.wires.is_sampling() {
+            self.device.sense(&mut self.wires);
+        }
+        let sent = &mut self.wires.board().sent;
+        let count = bytes.len().min(sent.len());
+        for (byte, sent) in bytes.iter_mut().zip(sent.drain(..count)) {
             *byte = sent;
         }
         Ok(count)

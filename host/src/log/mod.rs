@@ -8,6 +8,7 @@ pub mod inspection;
 pub mod read;
 pub mod recording;
 pub mod replayed;
+pub mod words;
 pub mod write;
 
 use std::path::PathBuf;

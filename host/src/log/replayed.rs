@@ -8,8 +8,8 @@ use serde_json::{Map, Value, json};
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::track::Status;
 use tactile_core::wire::{
-    Arrival, Command, Counters, Decoder, EstimateFrame, Health, Hello, ModeFrame, Received, Report,
-    Settings, WireSpace,
+    Arrival, Command, ContactFrame, Counters, Decoder, EstimateFrame, Health, Hello, ModeFrame,
+    Received, Report, Settings, WireSpace,
 };
 
 use super::recording::{Direction, Header, Piece, Recording};
@@ -147,6 +147,8 @@ struct Collector<'a, S: WireSpace> {
     estimate: Option<EstimateFrame<S>>,
     /// The last grasp, whose other answers may yet come.
     done: Option<(LoggedGrasp, Option<RecordedEstimate>)>,
+    /// What the board added to the grasp that it is about to answer.
+    felt: Vec<ContactFrame<S>>,
 }
 
 /// The number with the fewest digits that is still this `f32`, so that 0.001 stays 0.001.
@@ -191,6 +193,7 @@ fn listen_in<S: Bridge + WireSpace, P: Borrow<Piece>>(
         grasp: empty_grasp(0),
         estimate: None,
         done: None,
+        felt: Vec::new(),
     };
     let mut to_board = Decoder::<Command<S>>::new();
     let mut from_board = Decoder::<Report<S>>::new();
@@ -213,7 +216,11 @@ fn listen_in<S: Bridge + WireSpace, P: Borrow<Piece>>(
                         Report::Health(health) => collector.rest.health = Some(health),
                         Report::Estimate(estimate) => collector.estimate = Some(estimate),
                         Report::Mode(frame) => collector.mode(&frame),
-                        Report::Face(_) => {}
+                        Report::Face(_) | Report::Contact(_) | Report::Finger(_) => {}
+                        Report::Felt(frame) if received.arrival != Arrival::Doubled => {
+                            collector.felt.push(frame);
+                        }
+                        Report::Felt(_) => {}
                         Report::Reply(reply) => {
                             let command = pending.take_if(|(sequence, _)| *sequence == reply.to);
                             match command {
@@ -241,6 +248,11 @@ impl<S: Bridge + WireSpace> Collector<'_, S> {
             Command::Hello { .. } | Command::Ping | Command::Query(_) => {}
             // Of no account to what was felt: the estimates that follow show it.
             Command::Believe(_) | Command::Face(_) => {}
+            Command::FingertipPose(_)
+            | Command::Sensor(_)
+            | Command::Tare { .. }
+            | Command::Stream { .. }
+            | Command::Words(_) => {}
             Command::Configure(settings) => {
                 self.settings = settings;
                 self.rest.noise = Noise {
@@ -255,18 +267,7 @@ impl<S: Bridge + WireSpace> Collector<'_, S> {
             Command::Motion(frame) => {
                 self.grasp.motion = frame.motion().map(|m| S::isometry(&m));
             }
-            Command::Contact(frame) => {
-                let contact = frame.contact(&self.settings);
-                let own = contact.normal_deviation != self.settings.normal;
-                self.grasp.contacts.push(LoggedContact {
-                    finger: self.finger(contact.finger),
-                    point: shortest_point::<S>(&contact.point),
-                    normal: contact.normal.map(|n| shortest_point::<S>(&n)),
-                    normal_noise: own.then_some(shortest(contact.normal_deviation)),
-                    force: None,
-                    unknown: Map::new(),
-                });
-            }
+            Command::Contact(frame) => self.touched(&frame),
             Command::Free(frame) => {
                 let free = frame.free_point();
                 let finger = self.finger(free.finger);
@@ -276,8 +277,27 @@ impl<S: Bridge + WireSpace> Collector<'_, S> {
                     unknown: Map::new(),
                 });
             }
-            Command::Commit => self.commit(time),
+            Command::Commit => {
+                for frame in std::mem::take(&mut self.felt) {
+                    self.touched(&frame);
+                }
+                self.commit(time);
+            }
         }
+    }
+
+    /// A contact of the grasp, sent by the host or felt by the board.
+    fn touched(&mut self, frame: &ContactFrame<S>) {
+        let contact = frame.contact(&self.settings);
+        let own = contact.normal_deviation != self.settings.normal;
+        self.grasp.contacts.push(LoggedContact {
+            finger: self.finger(contact.finger),
+            point: shortest_point::<S>(&contact.point),
+            normal: contact.normal.map(|n| shortest_point::<S>(&n)),
+            normal_noise: own.then_some(shortest(contact.normal_deviation)),
+            force: None,
+            unknown: Map::new(),
+        });
     }
 
     /// One of the answers of the last estimate.

@@ -5,6 +5,8 @@
 pub mod bench;
 pub mod objects;
 pub(crate) mod random;
+pub mod sensed;
+pub mod sensors;
 pub mod touch;
 pub mod world;
 

@@ -8,6 +8,7 @@ use nalgebra::{Point3, Translation3, UnitQuaternion};
 use super::objects::{ObjectError, ObjectSpec};
 use super::random::Random;
 use super::touch::{FINGERS, Felt, Hand, Touch};
+use crate::log::words::WordsError;
 use crate::log::write::write_atomically;
 use crate::log::{GraspLog, LogError, LoggedContact, LoggedGrasp, MAX_CONTACTS, Noise, TrueShape};
 use crate::quantity::Deviation;
@@ -108,6 +109,9 @@ pub enum SimError {
     /// The true mesh cannot be written.
     #[error(transparent)]
     Mesh(#[from] FileError),
+    /// What the sensors read cannot be used.
+    #[error(transparent)]
+    Words(WordsError),
 }
 
 /// A simulated log and its truth.

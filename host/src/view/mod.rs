@@ -4,6 +4,7 @@ mod canvas;
 mod chart;
 mod colour;
 pub mod curves;
+pub mod field;
 pub mod growth;
 pub mod html;
 pub mod live;

@@ -6,7 +6,9 @@ use proptest::prelude::*;
 
 use super::super::*;
 use crate::contact::{Contact, FreePoint};
+use crate::driver::emulated::Fault;
 use crate::matrix::{Coordinates, Matrix, Vector};
+use crate::sensing::NoContact;
 use crate::space::{Planar, PlanarPose, Pose, Spatial, SpatialPose};
 use crate::track::{Estimate, Mode, Modes, Observability, Status};
 
@@ -112,6 +114,7 @@ const HELLO: Hello = Hello {
     contacts: 16,
     map: 64,
     particles: 300,
+    fingers: 5,
 };
 
 fn health() -> Health {
@@ -205,7 +208,85 @@ fn golden() -> Vec<(&'static str, Vec<u8>)> {
             ),
         ),
         ("face command 3d", wire(17, 17, C::Face(FaceFrame::new(&face(), 3, 6)))),
+        ("query finger", wire(8, 8, C::Query(Topic::Finger(4)))),
+        ("fingertip pose 3d", wire(16, 16, C::FingertipPose(FingertipFrame::new(2, &motion)))),
+        (
+            "fingertip pose 2d",
+            wire(
+                16,
+                16,
+                Command::<Planar>::FingertipPose(FingertipFrame::new(1, &PlanarPose::IDENTITY)),
+            ),
+        ),
+        ("sensor gauges", sensor(SensorPart::Gauges)),
+        ("sensor electrodes", sensor(SensorPart::Electrodes)),
+        (
+            "sensor row",
+            sensor(SensorPart::Row { row: 5, numbers: [1.0, -2.0, 0.5, 0.25, -0.125, 1e-9] }),
+        ),
+        ("sensor range", sensor(SensorPart::Range { least: -0x80_0000, most: 0x7f_ffff })),
+        ("sensor skin", sensor(SensorPart::Skin(QUADRIC))),
+        ("sensor edge", sensor(SensorPart::Edge { normal: [0.0, 0.0, -1.0], offset: -2e-3 })),
+        ("sensor sampling", sensor(SAMPLING)),
+        ("sensor electrode", sensor(SensorPart::Electrode { number: 18, position: [1e-3; 3] })),
+        ("sensor use", sensor(SensorPart::Use)),
+        ("tare", wire(18, 18, C::Tare { finger: 3 })),
+        ("stream", wire(19, 19, C::Stream { period: 5000 })),
+        (
+            "words of gauges",
+            words(Words::Gauges([0x7f_ffff, -0x80_0000, 1, -1, 0, 64]), Fault::None),
+        ),
+        (
+            "words of electrodes",
+            words(
+                Words::Electrodes {
+                    electrodes: core::array::from_fn(|k| 2880 + k as u16),
+                    pressure: 1500,
+                    vibration: 2000,
+                    temperature: 2500,
+                    heat_flow: 4095,
+                },
+                Fault::Stuck,
+            ),
+        ),
+        ("felt while touching 3d", wire(20, u32::MAX, R::Contact(unusual))),
+        ("felt while touching 2d", wire(20, u32::MAX, Report::<Planar>::Contact(usual)),),
+        ("felt by a grasp 3d", wire(21, 21, R::Felt(unusual))),
+        ("finger waiting", finger(FingerState::Waiting)),
+        ("finger at fault", finger(FingerState::Fault(SensorFault::Crc))),
+        ("finger saturated", finger(FingerState::Free(NoContact::Saturated { channel: 5 }))),
+        (
+            "finger touching",
+            finger(FingerState::Touching { force: [0.5, -0.25, 2.0], slip: Some(0.125) }),
+        ),
+        (
+            "singular matrix",
+            wire(11, 11, R::Reply(Reply { to: 5, refusal: Some(Refusal::Singular) })),
+        ),
     ]
+}
+
+const QUADRIC: Skin = Skin::Quadric {
+    matrix: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
+    linear: [7.0, 8.0, 9.0],
+    constant: 10.0,
+};
+
+const SAMPLING: SensorPart = SensorPart::Sampling { window: 8, gap: 20_000, tare: 256, spread: -1 };
+
+fn sensor(part: SensorPart) -> Vec<u8> {
+    wire(17, 17, Command::<Spatial>::Sensor(SensorFrame { finger: 4, part }))
+}
+
+fn words(words: Words, fault: Fault) -> Vec<u8> {
+    let time = Clock(0x0102_0304);
+    let frame = WordsFrame { finger: 4, time, repeats: 999, words, fault };
+    wire(18, 18, Command::<Spatial>::Words(frame))
+}
+
+fn finger(state: FingerState) -> Vec<u8> {
+    let frame = FingerFrame { finger: 4, state, readings: 1000, contacts: 200, faults: 3 };
+    wire(22, 22, Report::<Spatial>::Finger(frame))
 }
 
 #[test]
@@ -219,6 +300,8 @@ fn frames_stay_within_budget() {
     let length = |name| golden().iter().find(|(n, _)| *n == name).unwrap().1.len();
     assert!(length("contact 2d") <= 23);
     assert!(length("contact 3d") <= 28);
+    assert!(length("felt while touching 2d") <= 23);
+    assert!(length("felt while touching 3d") <= 28);
     assert!(length("estimate 2d") <= 63);
     assert!(length("estimate 3d") <= 127);
     // The largest messages there can be still fit.
@@ -248,6 +331,16 @@ fn frames_stay_within_budget() {
         ..worst
     };
     assert!(wire(255, u, Report::<Spatial>::Health(worst)).len() <= MAX_FRAME);
+    // Of five fingers 200 times a second, ten bits a byte, on a line of 921 600 baud: less than a
+    // third, which leaves the rest to answers. The sixth finger's bits would still fit thrice.
+    let bits = 5 * 200 * length("felt while touching 3d") * 10;
+    assert!(bits <= 280_000 && bits * 3 < 921_600, "{bits} bits a second");
+    let most = SensorPart::Sampling { window: 255, gap: u, tare: u16::MAX, spread: i32::MIN };
+    assert!(sensor(most).len() <= MAX_FRAME);
+    let electrodes = [u16::MAX; 19];
+    let [pressure, vibration, temperature, heat_flow] = [u16::MAX; 4];
+    let longest = Words::Electrodes { electrodes, pressure, vibration, temperature, heat_flow };
+    assert!(words(longest, Fault::Stuck).len() <= MAX_FRAME);
     let mut estimate = spatial_estimate(u);
     estimate.effective_particles = 1e9;
     assert!(
@@ -300,6 +393,30 @@ fn beliefs_come_back() {
     bad = frame;
     bad.pose[0] = f32::INFINITY;
     assert!(bad.belief().is_none());
+}
+
+#[test]
+fn sensor_messages_come_back() {
+    let heard = |bytes: Vec<u8>| match decode_all::<Command<Spatial>>(&bytes).1[..] {
+        [Ok(received)] => received.frame.message,
+        ref other => panic!("{other:?}"),
+    };
+    let frame = SensorFrame { finger: 4, part: SensorPart::Skin(QUADRIC) };
+    assert_eq!(heard(sensor(frame.part)), Command::Sensor(frame));
+    assert_eq!(Skin::from(crate::sensing::fingertip::Shape::from(QUADRIC)), QUADRIC);
+    for skin in [Skin::Sphere(0.01), Skin::Ellipsoid([0.01, 0.02, 0.03])] {
+        assert_eq!(Skin::from(crate::sensing::fingertip::Shape::from(skin)), skin);
+    }
+    let gauges = Words::Gauges([0x7f_ffff, -0x80_0000, 1, -1, 0, 64]);
+    let Command::Words(frame) = heard(words(gauges, Fault::Noise)) else { panic!() };
+    assert_eq!((frame.words, frame.fault, frame.repeats), (gauges, Fault::Noise, 999));
+    let pose = SpatialPose::new(Vector([0.01, 0.0, -0.02]), [0.0, 0.0, 0.6, 0.8]);
+    let placed = FingertipFrame::<Spatial>::new(2, &pose);
+    assert_eq!(placed.pose(), Some(pose));
+    let state = FingerState::Touching { force: [0.5, -0.25, 2.0], slip: None };
+    let (_, reports) = decode_all::<Report<Spatial>>(&finger(state));
+    let Report::Finger(frame) = reports[0].unwrap().frame.message else { panic!() };
+    assert_eq!((frame.state, frame.contacts), (state, 200));
 }
 
 #[test]
@@ -422,7 +539,7 @@ proptest! {
     }
 
     #[test]
-    fn random_payloads_never_panic(payload in proptest::collection::vec(any::<u8>(), 0..140), tag in 0u8..12) {
+    fn random_payloads_never_panic(payload in proptest::collection::vec(any::<u8>(), 0..140), tag in 0u8..16) {
         let mut payload = payload;
         if let Some(t) = payload.get_mut(5) { *t = tag; }
         let mut out = [0; MAX_FRAME];

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
+use crate::log::words::{self, Kind};
 use crate::log::{FORMAT, GraspLog, LoggedContact, TrueShape, VERSION};
 use crate::space::{Point, Pose};
 
@@ -18,6 +19,8 @@ pub(super) struct Summary {
     grasps: Grasps,
     contacts: Contacts,
     fingers: Vec<Finger>,
+    /// Of the fingertips, where the log has their words.
+    sensors: Option<Sensors>,
     noise: Noise,
     motion: Motion,
     truth: Truth,
@@ -68,6 +71,23 @@ struct Finger {
     name: Option<String>,
     contacts: usize,
     free: usize,
+}
+
+#[derive(Debug, Serialize)]
+struct Sensors {
+    kind: Kind,
+    /// Microseconds between readings.
+    period: u32,
+    /// Readings at rest, of all fingers.
+    rest: usize,
+    /// Contacts with words.
+    contacts: usize,
+    /// Their readings.
+    readings: usize,
+    /// Contacts whose words cannot be read.
+    unreadable: usize,
+    /// Least and greatest word of each channel, contacts only.
+    words: Vec<[i32; 2]>,
 }
 
 #[derive(Debug, Serialize)]
@@ -131,6 +151,7 @@ impl Summary {
             grasps: Grasps::of(log),
             contacts: Contacts::of(log),
             fingers: fingers(log),
+            sensors: Sensors::of(log),
             noise: Noise {
                 point: log.noise.point,
                 normal: log.noise.normal,
@@ -175,6 +196,11 @@ impl Summary {
         for finger in &self.fingers {
             let name = finger.name.as_deref().unwrap_or("(no finger)");
             lines.add("", format!("{name}: {} contacts, {} free", finger.contacts, finger.free));
+        }
+        if let Some(sensors) = &self.sensors {
+            lines.add("sensors", sensors.text());
+            let ends: Vec<_> = sensors.words.iter().map(|[a, b]| format!("{a}…{b}")).collect();
+            lines.add("", format!("words {}", ends.join(", ")));
         }
         if let Some(force) = &contacts.force {
             lines.add("force", force.text(1.0, "N"));
@@ -228,6 +254,54 @@ impl Summary {
         };
         lines.add("truth", format!("{shape}, {} poses", truth.poses));
         lines.0
+    }
+}
+
+impl Sensors {
+    /// `None` without sensors in the header, or with some that cannot be read.
+    fn of(log: &GraspLog) -> Option<Sensors> {
+        let words::Sensors { kind, period, rest, .. } = words::Sensors::of(log).ok().flatten()?;
+        let mut sensors = Sensors {
+            kind,
+            period,
+            rest: rest.iter().map(Vec::len).sum(),
+            contacts: 0,
+            readings: 0,
+            unreadable: 0,
+            words: vec![[i32::MAX, i32::MIN]; kind.channels()],
+        };
+        for contact in log.grasps.iter().flat_map(|g| &g.contacts) {
+            match words::Words::of(contact) {
+                Ok(Some(read)) => {
+                    sensors.contacts += 1;
+                    sensors.readings += read.words.len();
+                    for reading in &read.words {
+                        for ([least, most], &word) in sensors.words.iter_mut().zip(reading) {
+                            (*least, *most) = ((*least).min(word), (*most).max(word));
+                        }
+                    }
+                }
+                Ok(None) => {}
+                Err(_) => sensors.unreadable += 1,
+            }
+        }
+        sensors.words.retain(|[least, most]| least <= most);
+        Some(sensors)
+    }
+
+    fn text(&self) -> String {
+        let kind = match self.kind {
+            Kind::Wrench => "force/torque transducers",
+            Kind::Electrodes => "electrode arrays",
+        };
+        format!(
+            "{kind}, a reading every {} µs, {} readings of {} contacts, {} at rest{}",
+            self.period,
+            self.readings,
+            self.contacts,
+            self.rest,
+            some(self.unreadable, " contacts with unreadable words")
+        )
     }
 }
 

@@ -1,0 +1,79 @@
+//! Pictures of the sensing experiments.
+
+use super::electrodes::{ALONG, AROUND, Place};
+use super::{electrodes, wrench};
+use crate::experiment::Picture;
+use crate::sim::sensors::{FluidFinger, Skin};
+use crate::view::curves::{self, Curve, Mark, Plot, Scale};
+use crate::view::field::{self, Field, Fields};
+use crate::view::summary::PictureError;
+
+impl wrench::Table {
+    /// Error of point and normal against force.
+    ///
+    /// # Errors
+    /// When the picture cannot be made.
+    pub fn picture(&self) -> Result<Picture, PictureError> {
+        let plot = |title: &str, up: &str, value: fn(&wrench::Row) -> f64| {
+            let mut curves: Vec<Curve> = Vec::new();
+            for row in &self.rows {
+                let readings = if row.window == 1 { "1 reading" } else { "8 readings" };
+                let name = format!("{}, {readings}", row.skin);
+                let v = value(row);
+                let mark = Mark { x: row.newtons, low: v, median: v, high: v };
+                match curves.iter_mut().find(|c| c.name == name) {
+                    Some(curve) => curve.marks.push(mark),
+                    None => curves.push(Curve { name, marks: vec![mark] }),
+                }
+            }
+            Plot {
+                title: title.into(),
+                across: "normal force, N".into(),
+                up: up.into(),
+                scales: [Scale::Logarithmic; 2],
+                curves,
+            }
+        };
+        let plots = [
+            plot("Contact point from a Nano17", "root mean square error, mm", |r| r.point_mm),
+            plot("Its normal", "root mean square error, °", |r| r.normal_deg),
+        ];
+        Ok(Picture { name: "sensing-wrench.png".into(), png: curves::render(&plots)? })
+    }
+}
+
+impl electrodes::Table {
+    /// Error over the unrolled skin, of both centroids and of the estimator.
+    ///
+    /// # Errors
+    /// When the picture cannot be made.
+    pub fn picture(&self) -> Result<Picture, PictureError> {
+        let row = self.rows.iter().find(|r| r.newtons == electrodes::MAPPED);
+        let map = |title: &str, all: Option<f64>, value: fn(&Place) -> f64| Field {
+            title: title.into(),
+            note: all.map_or(String::new(), |v| format!("root mean square {v:.2} mm")),
+            values: self.places.iter().map(|p| value(p) / 1e3).collect(),
+        };
+        let marks = FluidFinger::above().map(|point| {
+            let (along, around) = Skin::BIOTAC.place(&point);
+            [around.to_degrees(), 1e3 * along]
+        });
+        let fields = Fields {
+            title: "Error of a contact of 1 N over the skin of a BioTac; rings: electrodes".into(),
+            across: (
+                "around the finger, °".into(),
+                AROUND.0.to_degrees(),
+                AROUND.1.to_degrees(),
+                AROUND.2,
+            ),
+            down: ("along the skin from the tip, mm".into(), 1e3 * ALONG.0, 1e3 * ALONG.1, ALONG.2),
+            marks: marks.into(),
+            maps: vec![
+                map("Centroid, thesis 2.24", row.map(|r| r.centroid_mm), |p| p.centroid_mm),
+                map("Centroid of what rises", row.map(|r| r.rising_mm), |p| p.rising_mm),
+                map("Corrected", row.map(|r| r.point_mm), |p| p.point_mm),
+            ],
+        };
+        Ok(Picture { name: "sensing-electrodes.png".into(), png: field::render(&fields)? })
+    }
+}

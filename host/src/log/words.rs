@@ -1,0 +1,280 @@
+//! What fingertip sensors read, in a grasp log: enough to estimate its contacts again.
+//!
+//! The header's field `sensors` says what they are, a contact's field `sensor` what they read:
+//!
+//! ```text
+//! "sensors": {"kind":"wrench", "skin":{"radius":0.007,"length":0.018}, "period":1000,
+//!             "calibration":[[[6 × 6]] per finger], "rest":[[[words], …] per finger]}
+//! "sensor":  {"translation":[x,y,z], "rotation":[x,y,z,w], "words":[[words], …]}
+//! ```
+//!
+//! `rest` are the readings of the free finger that its estimator is tared with; a contact's are those
+//! from the moment it closes. `translation` and `rotation` are the fingertip's pose in the world.
+//! Programs that know nothing of them keep both fields as they are.
+
+use serde::{Deserialize, Serialize};
+use tactile_core::sensing::calibration::GaugeCalibration;
+use tactile_core::sensing::detection::Sampling;
+use tactile_core::sensing::electrodes::BIOTAC_SKIN;
+use tactile_core::sensing::fingertip::{Fingertip, Shape};
+use tactile_core::sensing::{
+    CalibrationError, ContactEstimator, ELECTRODES, ElectrodeEstimator, ElectrodeReading,
+    ElectrodeSettings, GaugeReading, NoContact, Touch, WrenchEstimator, WrenchSettings,
+};
+
+use super::{GraspLog, LoggedContact};
+
+/// Field of a log's header.
+const HEADER: &str = "sensors";
+/// Field of a contact.
+const CONTACT: &str = "sensor";
+/// Readings that make a tare: shorter than a board's, as a log keeps them all.
+pub const TARE: usize = 32;
+
+/// What is in the fingertips.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// A six-axis transducer of strain gauges, as an ATI Nano17.
+    Wrench,
+    /// An array of 19 electrodes, as in a BioTac.
+    Electrodes,
+}
+
+impl Kind {
+    /// Words of one reading.
+    pub fn channels(self) -> usize {
+        match self {
+            Kind::Wrench => 6,
+            Kind::Electrodes => ELECTRODES,
+        }
+    }
+}
+
+/// A cylinder with a spherical cap, metres.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Skin {
+    /// Of both.
+    pub radius: f64,
+    /// Of the cylinder.
+    pub length: f64,
+}
+
+/// What the header says of the sensors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Sensors {
+    /// What is in every fingertip.
+    pub kind: Kind,
+    /// The fingertips' skin.
+    pub skin: Skin,
+    /// Microseconds between readings.
+    pub period: u32,
+    /// For each finger, newtons and newton metres of each gauge's words; empty for electrodes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub calibration: Vec<[[f64; 6]; 6]>,
+    /// For each finger, readings at rest.
+    pub rest: Vec<Vec<Vec<i32>>>,
+}
+
+/// What a contact's sensor read.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Words {
+    /// Where the fingertip is in the world, metres.
+    pub translation: [f64; 3],
+    /// Its orientation, a quaternion x, y, z, w.
+    pub rotation: [f64; 4],
+    /// Reading after reading.
+    pub words: Vec<Vec<i32>>,
+}
+
+/// Why a log's words cannot be used.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum WordsError {
+    /// A field is not what this module writes.
+    #[error("field \"{field}\" of {place}: {reason}")]
+    Field {
+        /// Which.
+        field: &'static str,
+        /// Where in the log.
+        place: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A finger has no calibration or no readings at rest.
+    #[error("finger {0}: no calibration, or no readings at rest")]
+    Finger(usize),
+    /// A reading has too few or too many words, or one that its converter cannot give.
+    #[error(
+        "finger {finger}: a reading of {found} words, expected {expected} of its converter's range"
+    )]
+    Reading {
+        /// Which.
+        finger: usize,
+        /// How many there are.
+        found: usize,
+        /// How many there should be.
+        expected: usize,
+    },
+    /// The estimator refuses the settings.
+    #[error("finger {finger}: {reason}")]
+    Settings {
+        /// Which.
+        finger: usize,
+        /// Why.
+        reason: CalibrationError,
+    },
+}
+
+impl Sensors {
+    /// What a log's header says; `None` when it says nothing.
+    ///
+    /// # Errors
+    /// [`WordsError::Field`].
+    pub fn of(log: &GraspLog) -> Result<Option<Sensors>, WordsError> {
+        let Some(value) = log.unknown.get(HEADER) else { return Ok(None) };
+        let bad = |e: serde_json::Error| WordsError::Field {
+            field: HEADER,
+            place: "the header".into(),
+            reason: e.to_string(),
+        };
+        Sensors::deserialize(value).map(Some).map_err(bad)
+    }
+
+    /// Writes this into a log's header.
+    ///
+    /// # Errors
+    /// [`WordsError::Field`], when a number is not finite.
+    pub fn put(&self, log: &mut GraspLog) -> Result<(), WordsError> {
+        let value = serde_json::to_value(self).map_err(|e| WordsError::Field {
+            field: HEADER,
+            place: "the header".into(),
+            reason: e.to_string(),
+        })?;
+        log.unknown.insert(HEADER.into(), value);
+        Ok(())
+    }
+
+    /// The estimator of a finger, tared.
+    ///
+    /// # Errors
+    /// When the finger is not there, a reading is not one, or the settings are refused.
+    pub fn estimator(&self, finger: usize) -> Result<Estimator, WordsError> {
+        let rest = self.rest.get(finger).ok_or(WordsError::Finger(finger))?;
+        let refused = |reason| WordsError::Settings { finger, reason };
+        let shape = Shape::CappedCylinder {
+            radius: self.skin.radius as f32,
+            length: self.skin.length as f32,
+        };
+        let tare = rest.len().min(usize::from(u16::MAX)) as u16;
+        let sensor = match self.kind {
+            Kind::Wrench => {
+                let matrix = self.calibration.get(finger).ok_or(WordsError::Finger(finger))?;
+                let matrix = matrix.map(|row| row.map(|v| v as f32));
+                let range = (-0x80_0000, 0x7f_ffff);
+                let gauges = GaugeCalibration::new(matrix, range, WrenchSettings::NANO17);
+                let skin = Fingertip { shape, edge: None };
+                let mut settings = WrenchSettings::nano17(gauges.map_err(refused)?, skin);
+                settings.sampling = Sampling { tare, ..settings.sampling };
+                let mut estimator = Box::new(WrenchEstimator::new());
+                estimator.configure(&settings).map_err(refused)?;
+                Sensor::Wrench(estimator)
+            }
+            Kind::Electrodes => {
+                let mut settings = ElectrodeSettings {
+                    fingertip: Fingertip { shape, edge: BIOTAC_SKIN.edge },
+                    ..ElectrodeSettings::BIOTAC
+                };
+                settings.sampling = Sampling { tare, ..settings.sampling };
+                let mut estimator = Box::new(ElectrodeEstimator::new());
+                estimator.configure(&settings).map_err(refused)?;
+                Sensor::Electrodes(estimator)
+            }
+        };
+        let mut estimator = Estimator { finger, sensor, time: 0, period: self.period };
+        estimator.read(rest)?.err();
+        Ok(estimator)
+    }
+}
+
+impl Words {
+    /// What a contact's sensor read; `None` when the log does not say.
+    ///
+    /// # Errors
+    /// [`WordsError::Field`].
+    pub fn of(contact: &LoggedContact) -> Result<Option<Words>, WordsError> {
+        let Some(value) = contact.unknown.get(CONTACT) else { return Ok(None) };
+        let bad = |e: serde_json::Error| WordsError::Field {
+            field: CONTACT,
+            place: "a contact".into(),
+            reason: e.to_string(),
+        };
+        Words::deserialize(value).map(Some).map_err(bad)
+    }
+
+    /// Writes this into a contact.
+    ///
+    /// # Errors
+    /// [`WordsError::Field`], when a number is not finite.
+    pub fn put(&self, contact: &mut LoggedContact) -> Result<(), WordsError> {
+        let value = serde_json::to_value(self).map_err(|e| WordsError::Field {
+            field: CONTACT,
+            place: "a contact".into(),
+            reason: e.to_string(),
+        })?;
+        contact.unknown.insert(CONTACT.into(), value);
+        Ok(())
+    }
+}
+
+/// The board's estimator of one finger, fed with words of a log.
+#[derive(Clone, Debug)]
+pub struct Estimator {
+    finger: usize,
+    sensor: Sensor,
+    /// Of the last reading, microseconds.
+    time: u32,
+    period: u32,
+}
+
+#[derive(Clone, Debug)]
+enum Sensor {
+    Wrench(Box<WrenchEstimator>),
+    Electrodes(Box<ElectrodeEstimator>),
+}
+
+/// Microseconds between one closing of the hand and the next: longer than an estimator averages
+/// over.
+const PAUSE: u32 = 1_000_000;
+
+impl Estimator {
+    /// What is felt at the end of some readings in a row, of which the first comes after a pause.
+    ///
+    /// # Errors
+    /// [`WordsError::Reading`]. That nothing is felt is an answer, not an error.
+    pub fn read(&mut self, readings: &[Vec<i32>]) -> Result<Result<Touch, NoContact>, WordsError> {
+        self.time = self.time.wrapping_add(PAUSE);
+        let mut felt = Err(NoContact::TooLight);
+        for words in readings {
+            self.time = self.time.wrapping_add(self.period);
+            let bad = |expected| WordsError::Reading {
+                finger: self.finger,
+                found: words.len(),
+                expected,
+            };
+            felt = match &mut self.sensor {
+                Sensor::Wrench(estimator) => {
+                    let words: [i32; 6] = words.as_slice().try_into().map_err(|_| bad(6))?;
+                    estimator.estimate(&GaugeReading(words), self.time)
+                }
+                Sensor::Electrodes(estimator) => {
+                    let words: Option<Vec<u16>> =
+                        words.iter().map(|&w| u16::try_from(w).ok()).collect();
+                    let words = words.and_then(|words| words.try_into().ok());
+                    let words = words.ok_or(bad(ELECTRODES))?;
+                    estimator.estimate(&ElectrodeReading(words), self.time)
+                }
+            };
+        }
+        Ok(felt)
+    }
+}
