@@ -188,7 +188,7 @@ const MISFIT: f32 = 6.0;
 /// known of the centroid as prior, give p and its covariance in one pass. Its residual tells whether
 /// one bell explains the changes.
 ///
-/// About three kilobytes, all zero until configured.
+/// About two and a half kilobytes, all zero until configured.
 ///
 /// ```
 /// use tactile_core::sensing::{

@@ -218,7 +218,7 @@ fn spread_on(patch: &Patch, [a, b, c]: [f32; 3], tolerance: &Tolerance) -> (Matr
 }
 
 /// Why a reading gives no contact.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum NoContact {
     /// The estimator was not configured.
     NotCalibrated,

@@ -581,3 +581,29 @@ fn open_quadrics_are_found_too() {
     let out = Wrench { force: Vector([1.0, 0.0, 0.0]), moment: Vector::ZERO };
     assert_eq!(locate(&tip, &out), Err(NoContact::OutsideSkin));
 }
+
+/// The same words give the same bits on every target.
+#[test]
+fn touches_are_golden() {
+    let shapes = shapes();
+    let golden = shapes[..].iter().map(|shape| {
+        let fingertip = Fingertip { shape: *shape, edge: None };
+        let mut bench = Bench::new(&WrenchSettings { fingertip, ..settings() });
+        let at = Vector([-1e-3, 4e-3, -6e-3]);
+        let touch = bench.feel(&push(at, Vector([0.1, -0.4, 0.9]))).unwrap();
+        let [x, y, z] = touch.point.0.map(f32::to_bits);
+        [x, y, z, touch.covariance.at(0, 1).to_bits(), touch.normal_deviation.to_bits()]
+    });
+    assert_eq!(golden.collect::<List<_>>(), [[0u32; 5]; 4]);
+    let middle = Vector([-7e-3, 4.2e-3, -5.6e-3]);
+    let touch = press(&mut electrodes(), bell(&[middle], 0.4)).unwrap();
+    let [x, y, z] = touch.point.0.map(f32::to_bits);
+    let bits = [x, y, z, touch.covariance.at(0, 1).to_bits(), touch.force[2].to_bits()];
+    assert_eq!(bits, [0u32; 5]);
+}
+
+#[test]
+fn five_fingers_fit_a_small_memory() {
+    assert!(size_of::<WrenchEstimator>() <= 1280, "{}", size_of::<WrenchEstimator>());
+    assert!(size_of::<ElectrodeEstimator>() <= 2560, "{}", size_of::<ElectrodeEstimator>());
+}
