@@ -266,7 +266,7 @@ impl<const CHANNELS: usize> Tare<CHANNELS> {
         for k in 0..CHANNELS {
             self.sums[k] += words[k] as i64;
         }
-        self.count += 1;
+        self.count = self.count.saturating_add(1);
         (self.count >= needed.min(LONGEST_TARE)).then(|| {
             let count = self.count as f32;
             self.sums.map(|sum| sum as f32 / count)

@@ -92,7 +92,7 @@ impl ElectrodeSettings {
         range: (8, 4087),
         noise: 2.0,
         footprint: 2.5e-3,
-        mismatch: 0.12,
+        mismatch: 0.2,
         centroid: 2e-3,
         stiffness: 0.5,
         tolerance: Tolerance { point: 2e-4, normal: 0.02 },
@@ -171,7 +171,7 @@ pub fn centroid(
 }
 
 /// Electrodes that change by less than this share of the strongest say little about where it is.
-const FAINT: f32 = 0.1;
+const FAINT: f32 = 0.04;
 
 /// Electrodes that change by less than this many standard deviations say nothing.
 const NOISE_FLOOR: f32 = 4.0;
@@ -188,7 +188,7 @@ const MISFIT: f32 = 6.0;
 /// known of the centroid as prior, give p and its covariance in one pass. Its residual tells whether
 /// one bell explains the changes.
 ///
-/// About three kilobytes, all zero until configured.
+/// About two and a half kilobytes, all zero until configured.
 ///
 /// ```
 /// use tactile_core::sensing::{

@@ -48,13 +48,13 @@ pub struct Edge {
 /// A skin: a convex shape, or as much of it as lies on one side of an edge.
 ///
 /// ```
-/// use tactile_core::matrix::Vector;
+/// use tactile_core::matrix::{Coordinates, Vector};
 /// use tactile_core::sensing::fingertip::{Fingertip, Shape};
 ///
 /// let finger = Fingertip { shape: Shape::CappedCylinder { radius: 0.007, length: 0.02 }, edge: None };
 /// let patch = finger.project(Vector([-0.01, 0.003, 0.0])).unwrap();
-/// assert_eq!(patch.point, Vector([-0.01, 0.007, 0.0]));
-/// assert_eq!(patch.outward, Vector([0.0, 1.0, 0.0]));
+/// assert!((patch.point - Vector([-0.01, 0.007, 0.0])).norm() < 1e-8);
+/// assert!((patch.outward - Vector([0.0, 1.0, 0.0])).norm() < 1e-6);
 /// assert!(finger.covers(patch.point));
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -57,7 +57,7 @@ pub struct Scatter {
 /// [`NoContact::Inconsistent`] where the steps do not come to rest.
 ///
 /// ```
-/// use tactile_core::matrix::Vector;
+/// use tactile_core::matrix::{Coordinates, Vector};
 /// use tactile_core::sensing::calibration::Wrench;
 /// use tactile_core::sensing::fingertip::{Fingertip, Shape};
 /// use tactile_core::sensing::intrinsic::locate;

@@ -472,10 +472,9 @@ proptest! {
     #[test]
     fn no_matrix_makes_calibration_panic(matrix in proptest::collection::vec(any_float(), 36), low in any::<i32>(), high in any::<i32>(), words in proptest::array::uniform6(any_float())) {
         let rows = core::array::from_fn(|i| core::array::from_fn(|j| matrix[6 * i + j]));
-        if let Ok(gauges) = GaugeCalibration::new(rows, (low, high), WrenchSettings::NANO17) {
-            if let Ok(wrench) = gauges.wrench(&words) {
-                prop_assert!(wrench.is_finite());
-            }
+        let gauges = GaugeCalibration::new(rows, (low, high), WrenchSettings::NANO17);
+        if let Some(Ok(wrench)) = gauges.ok().map(|gauges| gauges.wrench(&words)) {
+            prop_assert!(wrench.is_finite());
         }
     }
 
@@ -580,4 +579,36 @@ fn open_quadrics_are_found_too() {
     // Straight out of its open end nothing touches.
     let out = Wrench { force: Vector([1.0, 0.0, 0.0]), moment: Vector::ZERO };
     assert_eq!(locate(&tip, &out), Err(NoContact::OutsideSkin));
+}
+
+/// The same words give the same bits on every target.
+#[test]
+fn touches_are_golden() {
+    let shapes = shapes();
+    let golden = shapes[..].iter().map(|shape| {
+        let fingertip = Fingertip { shape: *shape, edge: None };
+        let mut bench = Bench::new(&WrenchSettings { fingertip, ..settings() });
+        let at = Vector([-1e-3, 4e-3, -6e-3]);
+        let touch = bench.feel(&push(at, Vector([0.1, -0.4, 0.9]))).unwrap();
+        let [x, y, z] = touch.point.0.map(f32::to_bits);
+        [x, y, z, touch.covariance.at(0, 1).to_bits(), touch.normal_deviation.to_bits()]
+    });
+    let expected = [
+        [3129785083, 999078862, 3151649027, 810993402, 1019503331],
+        [3130041980, 999335763, 3152227058, 2942779294, 1016421069],
+        [3129848959, 999142738, 3151792754, 2954985123, 1016703436],
+        [3131564238, 1000858070, 3154884443, 2974443672, 1020824932],
+    ];
+    assert_eq!(golden.collect::<List<_>>(), expected);
+    let middle = Vector([-7e-3, 4.2e-3, -5.6e-3]);
+    let touch = press(&mut electrodes(), bell(&[middle], 0.4)).unwrap();
+    let [x, y, z] = touch.point.0.map(f32::to_bits);
+    let bits = [x, y, z, touch.covariance.at(0, 1).to_bits(), touch.force[2].to_bits()];
+    assert_eq!(bits, [3152348664, 998840690, 3149391088, 827208849, 1049765704]);
+}
+
+#[test]
+fn five_fingers_fit_a_small_memory() {
+    assert!(size_of::<WrenchEstimator>() <= 1280, "{}", size_of::<WrenchEstimator>());
+    assert!(size_of::<ElectrodeEstimator>() <= 2560, "{}", size_of::<ElectrodeEstimator>());
 }
