@@ -54,6 +54,20 @@ fn live_and_back<S: Sample>() {
     assert_eq!(tactile(here, "replay @live.tac --to csv -o @back.csv"), ExitCode::SUCCESS);
     assert_eq!(fs::read_to_string(here.join("back.csv")).unwrap().lines().count(), 9);
 
+    // One file for viewers from the recording with its estimates, one from the log without any.
+    for (from, mcap, estimated) in
+        [("live.tac", "tac.mcap", true), ("log.jsonl", "log.mcap", false)]
+    {
+        let line = format!("replay @{from} --to mcap -o @{mcap}");
+        assert_eq!(tactile(here, &line), ExitCode::SUCCESS);
+        let file = fs::read(here.join(mcap)).unwrap();
+        assert!(file.ends_with(b"\x89MCAP0\r\n"));
+        // The summary at the end names the topics.
+        let has = |topic: &[u8]| file.windows(topic.len()).any(|w| w == topic);
+        assert_eq!((has(b"/contacts"), has(b"/pose_with_covariance")), (true, estimated), "{from}");
+    }
+    assert_eq!(tactile(here, "replay @log.jsonl --to csv -o @no.csv"), ExitCode::from(2));
+
     // Fed again, the log that came back gives the same trajectory.
     let again = "live --port virtual --log @back.jsonl --out @again --seed 4";
     assert_eq!(tactile(here, again), ExitCode::SUCCESS);

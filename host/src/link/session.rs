@@ -143,28 +143,32 @@ impl<S: Bridge + WireSpace> LogOutcome<S> {
 
     /// The estimates as [`crate::slam`] takes them.
     pub fn steps(&self) -> Vec<Step> {
-        let step = |(grasp, pose): (&GraspOutcome<S>, Pose)| {
-            let estimate = &grasp.estimate;
-            let seen = estimate.eigenvalues();
-            Step {
-                pose,
-                covariance: six_by_six::<S>(&estimate.covariance()),
-                status: estimate.status(),
-                modes: grasp
-                    .modes
-                    .iter()
-                    .filter_map(ModeFrame::mode)
-                    .map(|m| (S::isometry(&m.pose), m.weight.into()))
-                    .collect(),
-                effective_particles: estimate.effective_particles.into(),
-                corrected: estimate.corrected(),
-                observed: (0..S::FREEDOM)
-                    .filter(|&i| seen[i] > Observability::<S>::THRESHOLD)
-                    .count(),
-                contacts: [estimate.contacts, estimate.rejected, estimate.dropped].map(usize::from),
-            }
-        };
-        self.grasps.iter().zip(self.poses()).map(step).collect()
+        self.grasps.iter().filter_map(GraspOutcome::step).collect()
+    }
+}
+
+impl<S: Bridge + WireSpace> GraspOutcome<S> {
+    /// The estimate as [`crate::slam`] takes it; `None` if it is not finite, which sessions refuse.
+    pub fn step(&self) -> Option<Step> {
+        let estimate = &self.estimate;
+        let seen = estimate.eigenvalues();
+        Some(Step {
+            pose: S::isometry(&estimate.pose()?),
+            covariance: six_by_six::<S>(&estimate.covariance()),
+            status: estimate.status(),
+            modes: self
+                .modes
+                .iter()
+                .filter_map(ModeFrame::mode)
+                .map(|m| (S::isometry(&m.pose), m.weight.into()))
+                .collect(),
+            effective_particles: estimate.effective_particles.into(),
+            corrected: estimate.corrected(),
+            observed: (0..S::FREEDOM)
+                .filter(|&i| seen[i] > Observability::<S>::THRESHOLD)
+                .count(),
+            contacts: [estimate.contacts, estimate.rejected, estimate.dropped].map(usize::from),
+        })
     }
 }
 

@@ -67,13 +67,19 @@ pub fn grow(
         })
         .collect();
     let last = placed.last().map_or(0, |p| p.grasp);
+    let (geometry, deviations) = viewed(reconstruction);
+    grown.push(Grown { grasp: last, geometry, deviations });
+    grown
+}
+
+/// A reconstruction as a viewer draws it: flat faces with vertices enough for their colours, and no
+/// more triangles than it draws smoothly; and the standard deviation at each vertex, metres.
+pub fn viewed(reconstruction: &Reconstruction) -> (Geometry, Vec<f64>) {
     let (geometry, deviations) = match &reconstruction.model {
         Model::Faces(polytope) => coloured(&reconstruction.geometry, polytope.as_ref()),
         Model::Gp(_) => (reconstruction.geometry.clone(), reconstruction.deviations.clone()),
     };
-    let (geometry, deviations) = thinned(geometry, deviations, FINAL_TRIANGLES);
-    grown.push(Grown { grasp: last, geometry, deviations });
-    grown
+    thinned(geometry, deviations, FINAL_TRIANGLES)
 }
 
 /// Before the last grasp with contacts: the grasps after which to look, closer together at the start,

@@ -3,6 +3,7 @@
 //! Profile `ros2`, messages in CDR, schemas in `ros2msg`, chunks of a megabyte compressed by LZ4,
 //! indexed. Metres, radians and unit quaternions as ROS has them; lengths in millimetres and angles
 //! in degrees where a topic's name says so. Times are seconds since the start of the recording.
+//! Points carry their colour twice: `rgba` as RViz and Foxglove read it, `colors` as Rerun does.
 //!
 //! | topic | type | frame | what |
 //! |---|---|---|---|
@@ -14,10 +15,11 @@
 //! | `/status` | `std_msgs/String` | | what the estimate is worth |
 //! | `/truth/pose` | `geometry_msgs/PoseStamped` | `world` | where `/pose` should be |
 //! | `/surface`, `/truth/surface` | `visualization_msgs/MarkerArray` | `object`, `object_truth` | mesh or outline, the estimate coloured by its standard deviation |
-//! | `/surface/vertices` | `sensor_msgs/PointCloud2` | `object` | its vertices with `deviation`, for viewers without markers |
+//! | `/surface/points` | `sensor_msgs/PointCloud2` | `object` | points of it with `deviation`, for viewers without markers |
 //! | `/deviation/*`, `/error/*`, `/report/*` | `std_msgs/Float64` | | standard deviation of the pose (greatest of its axes), its error, figures of the report |
 
 mod cdr;
+mod cover;
 mod messages;
 mod schema;
 
@@ -25,7 +27,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::Path;
 
-use self::messages::{Cloud, Field, Message, Primitive, Stamp, packed};
+use self::messages::{Cloud, Field, Message, Primitive, Stamp};
 use super::colour::{self, Colour, TRUTH};
 use super::report::Report;
 use super::summary::scale_end;
@@ -47,7 +49,7 @@ const TRUE_OBJECT: &str = "object_truth";
 const LINE: f64 = 1e-3;
 
 /// A point of `/contacts`, `/free` and `/object/contacts`.
-const FELT: [Field; 10] = [
+const FELT: [Field; 11] = [
     Field::Float("x"),
     Field::Float("y"),
     Field::Float("z"),
@@ -55,17 +57,19 @@ const FELT: [Field; 10] = [
     Field::Float("normal_y"),
     Field::Float("normal_z"),
     Field::Unsigned("rgba"),
+    Field::Unsigned("colors"),
     Field::Unsigned("grasp"),
     Field::Signed("finger"),
     Field::Float("force"),
 ];
 
-/// A point of `/surface/vertices`.
-const VERTEX: [Field; 5] = [
+/// A point of `/surface/points`.
+const COVER: [Field; 6] = [
     Field::Float("x"),
     Field::Float("y"),
     Field::Float("z"),
     Field::Unsigned("rgba"),
+    Field::Unsigned("colors"),
     Field::Float("deviation"),
 ];
 
@@ -189,7 +193,7 @@ impl<W: Write> Recording<W> {
     pub fn grasp(&mut self, grasp: &LoggedGrasp, estimate: Option<&Step>) -> io::Result<()> {
         self.now = self.now.max(nanoseconds(grasp.time.unwrap_or(grasp.index as f64)));
         let world = Stamp { time: self.now, frame: WORLD };
-        let tint = packed(colour::grasp(self.grasps, self.expected));
+        let tint = colour::grasp(self.grasps, self.expected);
         self.grasps += 1;
 
         let felt = felt(grasp, &Pose::identity(), tint);
@@ -198,7 +202,7 @@ impl<W: Write> Recording<W> {
             let mut free = Cloud::new(&FELT);
             for f in &grasp.free {
                 free.floats(f.point.iter().copied()).floats([f64::NAN; 3]);
-                free.unsigned(packed(colour::UNKNOWN)).unsigned(number(grasp.index));
+                free.colour(colour::UNKNOWN).unsigned(number(grasp.index));
                 free.signed(finger(f.finger)).floats([f64::NAN]);
             }
             self.send("/free", free.message(world))?;
@@ -270,23 +274,12 @@ impl<W: Write> Recording<W> {
         let deviation = |vertex: usize| deviations.get(vertex).copied().unwrap_or(f64::NAN);
         let tint = |vertex: usize| colour::uncertainty(deviation(vertex) / end);
         self.send("/surface", drawn(stamp, "surface", geometry, tint))?;
-        let mut cloud = Cloud::new(&VERTEX);
-        let mut add = |vertex: usize, point: Point| {
-            cloud.floats(point.iter().copied());
-            cloud.unsigned(packed(tint(vertex))).floats([deviation(vertex)]);
-        };
-        match geometry {
-            Geometry::Outline(outline) => outline
-                .loops
-                .iter()
-                .flatten()
-                .enumerate()
-                .for_each(|(vertex, [x, y])| add(vertex, Point::new(*x, *y, 0.0))),
-            Geometry::Mesh(mesh) => {
-                mesh.vertices().iter().enumerate().for_each(|(vertex, point)| add(vertex, *point));
-            }
+        let mut cloud = Cloud::new(&COVER);
+        for (point, deviation) in cover::cover(geometry, deviation) {
+            cloud.floats(point.iter().copied()).colour(colour::uncertainty(deviation / end));
+            cloud.floats([deviation]);
         }
-        self.send("/surface/vertices", cloud.message(stamp))
+        self.send("/surface/points", cloud.message(stamp))
     }
 
     /// The true shape in its own frame.
@@ -358,13 +351,13 @@ impl<W: Write> Recording<W> {
 }
 
 /// The contacts of a grasp, moved by `pose`.
-fn felt(grasp: &LoggedGrasp, pose: &Pose, tint: u32) -> Cloud {
+fn felt(grasp: &LoggedGrasp, pose: &Pose, tint: Colour) -> Cloud {
     let mut cloud = Cloud::new(&FELT);
     for contact in &grasp.contacts {
         let point = pose * nalgebra::Point3::from(contact.point);
         let normal = contact.normal.map_or(Point::repeat(f64::NAN), |n| pose * n);
         cloud.floats(point.iter().copied()).floats(normal.iter().copied());
-        cloud.unsigned(tint).unsigned(number(grasp.index)).signed(finger(contact.finger));
+        cloud.colour(tint).unsigned(number(grasp.index)).signed(finger(contact.finger));
         cloud.floats([contact.force.unwrap_or(f64::NAN)]);
     }
     cloud

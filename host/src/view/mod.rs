@@ -6,6 +6,7 @@ mod colour;
 pub mod curves;
 pub mod growth;
 pub mod html;
+pub mod live;
 pub mod mcap;
 mod model;
 mod plane;

@@ -122,6 +122,12 @@ impl Cloud {
         self
     }
 
+    /// The fields `rgba`, as RViz and Foxglove read it, and `colors`, which Rerun takes for its own.
+    pub fn colour(&mut self, colour: Colour) -> &mut Self {
+        let [r, g, b, a] = colour.0.map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u32);
+        self.unsigned(a << 24 | r << 16 | g << 8 | b).unsigned(r << 24 | g << 16 | b << 8 | a)
+    }
+
     /// How many whole points there are.
     pub fn len(&self) -> usize {
         self.data.len() / self.step()
@@ -163,12 +169,6 @@ impl Cloud {
             cdr.bool(self.whole);
         })
     }
-}
-
-/// A colour as the field `rgba` of a point holds it.
-pub(super) fn packed(colour: Colour) -> u32 {
-    let [r, g, b, a] = colour.0.map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u32);
-    a << 24 | r << 16 | g << 8 | b
 }
 
 /// What a marker's points make.

@@ -234,7 +234,9 @@ fn contacts_come_back_as_they_were_felt() {
     assert_eq!(i32::from_le_bytes(first["finger"]), 1);
     assert_eq!(i32::from_le_bytes(points[1]["finger"]), -1);
     assert!(float(&points[1], "normal_x").is_nan() && float(first, "force").is_nan());
-    assert_eq!(first["rgba"][3], 255, "opaque");
+    let ([blue, green, red, opaque], [opaque_too, b, g, r]) = (first["rgba"], first["colors"]);
+    assert_eq!((red, green, blue, opaque), (r, g, b, opaque_too));
+    assert_eq!((red, green, blue, opaque), (0x3d, 0x12, 0x78, 255), "the last grasp's");
     let (_, free, _) = cloud(&topics["/free"][0].2);
     assert_eq!(float(&free[0], "x"), 0.3);
 }
@@ -314,9 +316,10 @@ fn an_outline_is_lines_with_a_colour_at_each_end() {
     assert_eq!(points[7], points[0], "it closes");
     assert_eq!(colours[0], colours[2], "as certain");
     assert_eq!(colours[6][..3], colour::UNKNOWN.0[..3]);
-    let (_, vertices, whole) = cloud(&topics["/surface/vertices"][0].2);
-    assert!(!whole && vertices.len() == 4);
-    assert_eq!(float(&vertices[2], "deviation"), 2e-3);
+    let (_, points, whole) = cloud(&topics["/surface/points"][0].2);
+    assert!(!whole && points.len() == 5_000);
+    assert_eq!(float(&points[0], "deviation"), 1e-3);
+    assert_eq!(float(&points[2_500], "deviation"), 2e-3);
     assert_eq!(marker(&topics["/truth/surface"][0].2).0, "object_truth");
 }
 
