@@ -70,7 +70,7 @@ impl Bench {
         let output = Command::new(self.browser)
             .args(ALWAYS)
             .arg(format!("--user-data-dir={}", self.at("profile").display()))
-            .args(["--virtual-time-budget=30000", "--dump-dom"])
+            .args(["--virtual-time-budget=3000", "--dump-dom"])
             .arg(format!("--window-size={size}"))
             .arg(format!("--screenshot={}", picture.display()))
             .arg(format!("file://{}#selftest&{words}", page.display()))
@@ -136,7 +136,7 @@ impl Visit {
 fn a_flat_run_plays() {
     let Some(bench) = Bench::new() else { return };
     bench.tactile("slam --out flat");
-    let visit = bench.visit(&bench.at("flat/replay.html"), "theme=light", "1280,800");
+    let visit = bench.visit(&bench.at("flat/replay.html"), "theme=light", "800,500");
     visit.does_what_a_replay_does(10.0, 50.0, 5.0);
     assert_eq!(visit.notes(), "[]");
     assert!(visit.number("surfaces") >= 4.0);
@@ -158,38 +158,21 @@ fn a_run_in_space_plays_and_a_page_that_was_cut_off_says_so() {
     bench.tactile("simulate --object box:0.12x0.06x0.06 --grasps 8 --seed 3 -o box.jsonl");
     bench.tactile("slam box.jsonl --out space");
     let page = bench.at("space/replay.html");
-    let whole = bench.visit(&page, "theme=dark", "500,844");
+    let whole = bench.visit(&page, "theme=dark", "500,700");
     whole.does_what_a_replay_does(8.0, 40.0, 5.0);
     assert!(whole.number("trianglesAtEnd") > 100.0);
     assert!(whole.colours() > 12, "{} colours", whole.colours());
 
+    // Cut off near its end, and a number that is none.
     let text = fs::read_to_string(&page).unwrap();
-    let cut = bench.at("cut.html");
-    fs::write(&cut, &text[..text.len() * 3 / 4]).unwrap();
-    let cut = bench.visit(&cut, "", "1280,800");
-    assert!(cut.notes().contains("ends early"), "{}", cut.notes());
-    assert!(cut.number("grasps") >= 1.0 && cut.number("grasps") <= 8.0);
-
     let damaged = bench.at("damaged.html");
     let bad = text.replacen("\"grasp\":3,\"merged\"", "\"grasp\":\"three\",\"merged\"", 1);
-    fs::write(&damaged, bad).unwrap();
-    let damaged = bench.visit(&damaged, "draw=plain", "1280,800");
+    fs::write(&damaged, &bad[..bad.len() * 9 / 10]).unwrap();
+    let damaged = bench.visit(&damaged, "draw=plain", "500,600");
     assert!(damaged.notes().contains("grasp.grasp: expected a number"), "{}", damaged.notes());
-    assert_eq!(damaged.number("grasps"), 7.0);
+    assert!(damaged.notes().contains("ends early"), "{}", damaged.notes());
+    assert!((3.0..8.0).contains(&damaged.number("grasps")), "{}", damaged.seen);
+    // Without WebGL.
     assert_eq!(damaged.seen["renderer"], "Painter");
-    assert!(damaged.colours() > 12, "{} colours", damaged.colours());
-}
-
-#[test]
-fn a_recording_that_was_cut_off_plays_and_says_so() {
-    let Some(bench) = Bench::new() else { return };
-    bench.tactile("live --port virtual --record session.tac --out live");
-    let bytes = fs::read(bench.at("session.tac")).unwrap();
-    fs::write(bench.at("session.tac"), &bytes[..bytes.len() * 2 / 3]).unwrap();
-    bench.tactile("replay session.tac --to html -o session.html");
-    let visit = bench.visit(&bench.at("session.html"), "", "1280,800");
-    assert!(visit.notes().contains("ends within a piece"), "{}", visit.notes());
-    let grasps = visit.number("grasps");
-    assert!((3.0..10.0).contains(&grasps), "{grasps}");
-    visit.does_what_a_replay_does(grasps, 5.0 * grasps, 5.0);
+    assert!(damaged.colours() > 8, "{} colours", damaged.colours());
 }
