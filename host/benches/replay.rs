@@ -52,7 +52,7 @@ fn recording() -> Vec<u8> {
         let estimate = Estimate::<Spatial> {
             grasp,
             pose,
-            covariance: Matrix::ZERO,
+            covariance: Matrix([[0.0; 6]; 6]),
             status: Status::Tracking,
             modes: Modes::NONE,
             effective_particles: 4.0,
@@ -69,7 +69,8 @@ fn recording() -> Vec<u8> {
             writer.append(time, Direction::ToBoard, sent).unwrap();
             let reply = Report::<Spatial>::Reply(Reply { to: to_board, refusal: None });
             let answer = Report::Estimate(EstimateFrame::new(&estimate));
-            let answers = if command == Command::Commit { vec![answer, reply] } else { vec![reply] };
+            let answers =
+                if command == Command::Commit { vec![answer, reply] } else { vec![reply] };
             for message in answers {
                 let frame = Frame { sequence: from_board, time: Default::default(), message };
                 let came = encode(&frame, &mut buffer).unwrap();

@@ -278,7 +278,11 @@ class Player {
     });
     const small = matchMedia("(max-width: 760px)");
     this.element("legend").open = !small.matches;
-    new ResizeObserver(() => {
+    let before = "";
+    new ResizeObserver(([{ contentRect }]) => {
+      const size = `${contentRect.width} ${contentRect.height}`;
+      if (size === before) return;
+      before = size;
       if (!this.touched) this.fit();
       // At once: the canvases would be shown stretched for a moment.
       this.frame(performance.now());

@@ -248,10 +248,12 @@ impl<R: BufRead> Pieces<R> {
         reader.by_ref().take(LONGEST).read_until(0, &mut sealed)?;
         let header = match sealed.split_last() {
             None => Err("it is empty".into()),
-            Some((0, body)) => match unseal(&mut body.to_vec()).ok().and_then(<[u8]>::split_first) {
-                Some((0, content)) => Header::from_json(content),
-                _ => Err("it does not start with a header".into()),
-            },
+            Some((0, body)) => {
+                match unseal(&mut body.to_vec()).ok().and_then(<[u8]>::split_first) {
+                    Some((0, content)) => Header::from_json(content),
+                    _ => Err("it does not start with a header".into()),
+                }
+            }
             Some(_) if sealed.len() as u64 == LONGEST => {
                 Err("it does not start with a header".into())
             }

@@ -231,9 +231,8 @@ fn placed_contacts(placed: &mut Vec<Placed>, at: usize, grasp: &Grasp, noise: &N
     let turn = UnitQuaternion::new_normalize(Quaternion::new(qw, qx, qy, qz));
     let to_object = Pose::from_parts(Translation3::new(x, y, z), turn).inverse();
     let deviations = grasp.deviations.unwrap_or_default();
-    let covariance = nalgebra::Matrix6::from_fn(|i, j| {
-        if i == j { deviations[i].powi(2) } else { 0.0 }
-    });
+    let covariance =
+        nalgebra::Matrix6::from_fn(|i, j| if i == j { deviations[i].powi(2) } else { 0.0 });
     for numbers in grasp.contacts.0.chunks_exact(6) {
         let [x, y, z, nx, ny, nz] = [0, 1, 2, 3, 4, 5].map(|i| f64::from(numbers[i]));
         let point: Point = (to_object * Point3::new(x, y, z)).coords;

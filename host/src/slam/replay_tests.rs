@@ -55,7 +55,12 @@ fn a_recording_shows_what_the_board_made_of_it() {
         let all = last.shape.vertices.0.iter().skip(axis).step_by(3);
         all.clone().fold(f32::MIN, |a, &b| a.max(b)) - all.fold(f32::MAX, |a, &b| a.min(b))
     };
-    assert!((0.08..0.2).contains(&wide(0)) && (0.08..0.2).contains(&wide(1)), "{} {}", wide(0), wide(1));
+    assert!(
+        (0.08..0.2).contains(&wide(0)) && (0.08..0.2).contains(&wide(1)),
+        "{} {}",
+        wide(0),
+        wide(1)
+    );
     assert!(scene.surfaces.is_sorted_by_key(|s| s.after) && scene.surfaces.len() > 3);
 }
 

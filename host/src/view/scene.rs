@@ -268,9 +268,7 @@ impl Shape {
             Geometry::Outline(outline) => {
                 let flat = outline.loops.iter().flatten();
                 Shape {
-                    vertices: Packed(
-                        flat.flat_map(|v| [v[0] as f32, v[1] as f32, 0.0]).collect(),
-                    ),
+                    vertices: Packed(flat.flat_map(|v| [v[0] as f32, v[1] as f32, 0.0]).collect()),
                     loops: Packed(outline.loops.iter().map(|l| l.len() as u32).collect()),
                     triangles: Packed::default(),
                 }
