@@ -164,7 +164,9 @@ impl<S: Bridge + WireSpace> GraspOutcome<S> {
                 .collect(),
             effective_particles: estimate.effective_particles.into(),
             corrected: estimate.corrected(),
-            observed: (0..S::FREEDOM).filter(|&i| seen[i] > Observability::<S>::THRESHOLD).count(),
+            observed: (0..S::FREEDOM)
+                .filter(|&i| seen[i] > Observability::<S>::THRESHOLD)
+                .count(),
             contacts: [estimate.contacts, estimate.rejected, estimate.dropped].map(usize::from),
         })
     }

@@ -161,14 +161,9 @@ mod tests {
     #[test]
     fn only_our_own_names_are_answered() {
         for host in ["127.0.0.1:7000", "localhost:7000", "LocalHost:7000", "lab.local:7000"] {
-            assert_eq!(
-                verdict(&format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n")),
-                Ok(()),
-                "{host}"
-            );
+            assert_eq!(verdict(&format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n")), Ok(()), "{host}");
         }
-        for host in ["evil.example:7000", "127.0.0.1", "127.0.0.1:7001", "127.0.0.1:7000.evil", ""]
-        {
+        for host in ["evil.example:7000", "127.0.0.1", "127.0.0.1:7001", "127.0.0.1:7000.evil", ""] {
             let verdict = verdict(&format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n"));
             assert_eq!(verdict, Err(FOREIGN), "{host}");
         }
@@ -177,9 +172,7 @@ mod tests {
         assert_eq!(verdict(two), Err(MALFORMED));
         // Elsewhere `localhost` is not this machine.
         let public = "192.0.2.7:80".parse().unwrap();
-        assert!(
-            is_ours("192.0.2.7", public, "lab.local") && is_ours("lab.local", public, "lab.local")
-        );
+        assert!(is_ours("192.0.2.7", public, "lab.local") && is_ours("lab.local", public, "lab.local"));
         assert!(!is_ours("localhost:80", public, "lab.local"));
         let six = "[::1]:7000".parse().unwrap();
         assert!(is_ours("[::1]:7000", six, "::1") && is_ours("localhost:7000", six, "::1"));
@@ -188,13 +181,10 @@ mod tests {
     #[test]
     fn pages_of_other_sites_are_not() {
         let from = |origin: &str| {
-            verdict(&format!(
-                "GET /live HTTP/1.1\r\nHost: localhost:7000\r\nOrigin: {origin}\r\n\r\n"
-            ))
+            verdict(&format!("GET /live HTTP/1.1\r\nHost: localhost:7000\r\nOrigin: {origin}\r\n\r\n"))
         };
         assert_eq!(from("http://localhost:7000"), Ok(()));
-        for origin in ["http://evil.example", "null", "https://localhost:7000", "http://localhost"]
-        {
+        for origin in ["http://evil.example", "null", "https://localhost:7000", "http://localhost"] {
             assert_eq!(from(origin), Err(FOREIGN), "{origin}");
         }
         assert_eq!(verdict("POST / HTTP/1.1\r\nHost: localhost:7000\r\n\r\n").unwrap_err().0, 405);
