@@ -31,7 +31,7 @@ class Camera {
     this.reach = reach;
     const free = 0.88;
     if (this.flat) this.distance = Math.max(half[1], half[0] / this.aspect(), 1e-4) / free;
-    else this.distance = reach / Math.sin(Camera.HALF) / Math.min(1, this.aspect()) / 1.05;
+    else this.distance = reach / Math.sin(Camera.HALF) / Math.min(1, this.aspect()) * 0.8;
     this.changed();
   }
 

@@ -17,11 +17,11 @@ use crate::space::Point;
 const MOMENTS: usize = 7;
 
 /// Contacts and free points that a surface on the way is fitted to at most, in the plane and in space.
-const CONTACTS: [usize; 2] = [120, 100];
+const CONTACTS: [usize; 2] = [120, 60];
 const FREE: usize = 20;
 
 /// Lattice cells across the contacts' bounding box for surfaces on the way.
-const CELLS: [f64; 2] = [80.0, 24.0];
+const CELLS: [f64; 2] = [80.0, 18.0];
 
 /// Contacts below which there is no telling what the surface is.
 const LEAST_CONTACTS: usize = 3;
