@@ -11,8 +11,9 @@ use tactile_core::space::{Planar, Spatial};
 use tactile_core::wire::WireSpace;
 
 use self::watch::{Address, Watch};
+use super::Error;
 use super::slam::Input;
-use super::{Error, progress, say};
+use super::terminal::{Progress, note, say, tell, tell_report};
 use crate::link::qemu::Qemu;
 use crate::link::session::settings_for;
 use crate::link::tcp::Tcp;
@@ -126,16 +127,18 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
         feed::<Spatial>(args, log, watch)
     }?;
     let title = input.title();
+    let progress = Progress::new("surface", "local experts");
     let provenance = Provenance {
         title,
         tracker: &tracker,
         surface: Choice::Auto,
         tracking_seconds: fed.seconds,
         graph: None,
-        progress: &progress,
+        progress: &|done, all| progress.at(done, all),
     };
     let outcome = conclude(log, truth.as_ref(), fed.steps, provenance)
         .map_err(|e| Error::Input(format!("{name}: {e}")))?;
+    drop(progress);
     if let Some(watch) = watch {
         watch.finish(&outcome);
     }
@@ -148,12 +151,12 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
         }
         say(serde_json::to_string_pretty(&report).map_err(Error::failure)?);
     } else {
-        say(fed.text);
+        tell(fed.text);
         if args.port == Port::Qemu {
-            say("               (the emulator's clock: not the time the chip takes)");
+            tell("               (the emulator's clock: not the time the chip takes)");
         }
-        say(outcome.report.to_string().trim_end());
-        say(format!("results in {}", args.out.display()));
+        tell_report(&outcome.report);
+        tell(format_args!("results in {}", args.out.display()));
     }
     match watch {
         Some(watch) => watch.stay(),
@@ -206,7 +209,7 @@ fn connect(args: &LiveArgs, dimension: usize) -> Result<Box<dyn Link>, Error> {
             .map(|link| Box::new(link) as Box<dyn Link>)
             .map_err(|e| Error::Failure(format!("tcp:{address}: {e}"))),
         Port::Qemu => {
-            eprintln!("building the firmware (a minute the first time) and starting QEMU");
+            note("building the firmware (a minute the first time) and starting QEMU");
             Qemu::build_and_start(dimension, tracker, EMULATOR_LIMIT)
                 .map(|link| Box::new(link) as Box<dyn Link>)
                 .map_err(Error::failure)
@@ -228,7 +231,9 @@ fn converse<S: Bridge + WireSpace>(
         let message = format!("--tracker {name}: the board was built with {:?}", hello.tracker);
         return Err(Error::Input(message));
     }
+    let progress = Progress::new("board", "grasps");
     let each = |number: usize, outcome: &GraspOutcome<S>| {
+        progress.at(number + 1, log.grasps.len());
         if let Some((watch, step)) = watch.zip(outcome.step()) {
             watch.grasp(number, step);
         }

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{Error, say};
+use super::Error;
+use super::terminal::tell;
 use crate::quantity::{self, Deviation};
 use crate::shape::Geometry;
 use crate::sim::{ObjectSpec, Options, Touch, simulate};
@@ -79,7 +80,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Error> {
     let contacts: usize = grasps.iter().map(|g| g.contacts.len()).sum();
     let free: usize = grasps.iter().map(|g| g.free.len()).sum();
     let plural = if grasps.len() == 1 { "" } else { "s" };
-    say(format_args!(
+    tell(format_args!(
         "{}: {} grasp{plural}, {contacts} contacts, {free} free points{}",
         args.output.display(),
         grasps.len(),
