@@ -147,7 +147,7 @@ class Charts {
         context.lineTo(wide - Charts.RIGHT, Math.round(y(v)) + 0.5);
         context.stroke();
         context.fillStyle = quiet;
-        context.fillText(String(+v.toPrecision(6)), Charts.LEFT - 5, y(v));
+        context.fillText(v >= 1e4 ? `${+(v / 1e3).toPrecision(4)}k` : String(+v.toPrecision(6)), Charts.LEFT - 5, y(v));
       }
       for (const series of chart.series) this.line(context, series, x, y, wide);
       context.strokeStyle = Colour.themed("ink");

@@ -72,6 +72,7 @@ class Player {
   opened() {
     const at = Number(this.wanted.get("at") ?? NaN);
     this.describe();
+    this.charts.refresh();
     this.picture.riding = this.wanted.get("view") === "object";
     this.fit();
     if (Number.isFinite(at)) this.go(at);
@@ -279,7 +280,8 @@ class Player {
     this.element("legend").open = !small.matches;
     new ResizeObserver(() => {
       if (!this.touched) this.fit();
-      this.stale();
+      // At once: the canvases would be shown stretched for a moment.
+      this.frame(performance.now());
     }).observe(this.element("stage"));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", (event) => this.setTheme(event.matches ? "dark" : "light"));
   }
@@ -341,6 +343,7 @@ class Player {
 
   frame(now) {
     this.asked = false;
+    if (!this.scene.meta) return;
     if (this.playing) {
       const pace = Math.min(Math.max(this.scene.grasps.length / WHOLE, PACE.least), PACE.most) * this.speed;
       this.time += this.before === null ? 0 : Math.min(Math.max((now - this.before) / 1e3, 0), 0.25) * pace;
@@ -353,6 +356,8 @@ class Player {
       }
     }
     const start = performance.now();
+    // New charts leave less room for the scene.
+    this.charts.refresh();
     this.drawn = this.renderer.draw(this.picture.list(this.time), this.camera, this.look);
     this.labels();
     this.readout();
@@ -421,7 +426,8 @@ class Player {
     const grasp = grasps[at];
     const box = this.element("readout");
     if (!grasp) {
-      box.textContent = this.scene.meta ? "no grasp yet" : "";
+      box.textContent = "no grasp yet";
+      this.readKey = "";
       return;
     }
     const key = `${this.scene.version} ${at}`;

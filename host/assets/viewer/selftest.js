@@ -28,7 +28,7 @@ async function selfTest(player) {
     const start = player.time;
     player.speed = 8;
     player.play(true);
-    for (let i = 0; i < 10; i++) await settle();
+    for (let i = 0; i < 6; i++) await settle();
     seen.played = player.time - start;
     player.go(0);
 
@@ -73,8 +73,9 @@ async function selfTest(player) {
     player.go(0);
     player.speed = 1;
     player.play(true);
-    for (let i = 0; i < 20; i++) await settle();
-    player.play(false);
+    for (let i = 0; i < 4; i++) await settle();
+    player.go(Infinity);
+    await settle();
     seen.frameMilliseconds = player.frames.milliseconds / Math.max(player.frames.count, 1);
     seen.frames = player.frames.count;
   } catch (error) {

@@ -87,8 +87,8 @@ const SHADERS = {
       void main() {
         float r = length(place);
         float alpha = clamp(px - r, 0.0, 1.0);
-        float thick = max(1.2, 0.2 * px);
-        float onRing = clamp(r - (px - 1.0 - thick) + 0.5, 0.0, 1.0);
+        float thick = px > 4.5 ? 1.4 : 0.7;
+        float onRing = clamp(r - (px - 1.0 - thick) + 0.5, 0.0, 1.0) * (px > 4.5 ? 1.0 : 0.8);
         vec3 base = mix(fill, hollow > 0.5 ? fill : ring, onRing);
         alpha *= hollow > 0.5 ? onRing : 1.0;
         colour = vec4(base * alpha, alpha);

@@ -241,3 +241,7 @@ fn placed_contacts(placed: &mut Vec<Placed>, at: usize, grasp: &Grasp, noise: &N
         placed.push(Placed { contact: doubt(contact, &covariance), grasp: at });
     }
 }
+
+#[cfg(test)]
+#[path = "replay_tests.rs"]
+mod tests;

@@ -1,0 +1,178 @@
+//! Replays in a real browser: Chromium without a screen, WebGL in software. Each page plays itself
+//! (`#selftest`) and says what it saw. Without Chromium the tests say that they were skipped;
+//! `TACTILE_REQUIRE_BROWSER=1` makes that a failure.
+
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// The names Chromium goes by.
+const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome"];
+
+/// What every start needs: no sandbox, as the user may be root in a container, and WebGL in software.
+const ALWAYS: [&str; 9] = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-extensions",
+    "--disable-dev-shm-usage",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--hide-scrollbars",
+    "--enable-logging=stderr",
+];
+
+/// A browser and a folder for what it is to see.
+struct Bench {
+    browser: &'static str,
+    folder: TempDir,
+}
+
+/// What a page said of itself, and how it looked.
+struct Visit {
+    seen: Value,
+    picture: tiny_skia::Pixmap,
+}
+
+impl Bench {
+    /// `None` where there is no browser and none is required.
+    fn new() -> Option<Bench> {
+        let runs = |name: &&str| Command::new(name).arg("--version").output().is_ok();
+        let Some(browser) = BROWSERS.into_iter().find(runs) else {
+            let required = std::env::var_os("TACTILE_REQUIRE_BROWSER").is_some_and(|v| v == "1");
+            assert!(!required, "no browser found, tried {BROWSERS:?}");
+            eprintln!("skipped: no browser found, tried {BROWSERS:?}");
+            return None;
+        };
+        Some(Bench { browser, folder: tempfile::tempdir().unwrap() })
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn tactile(&self, line: &str) {
+        let output = Command::new(env!("CARGO_BIN_EXE_tactile"))
+            .args(line.split_whitespace())
+            .current_dir(self.folder.path())
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{line}\n{}", String::from_utf8_lossy(&output.stderr));
+    }
+
+    /// Opens a page with these words after its `#` and lets it play itself.
+    fn visit(&self, page: &Path, words: &str, size: &str) -> Visit {
+        let picture = self.at("picture.png");
+        let output = Command::new(self.browser)
+            .args(ALWAYS)
+            .arg(format!("--user-data-dir={}", self.at("profile").display()))
+            .args(["--virtual-time-budget=3000", "--dump-dom"])
+            .arg(format!("--window-size={size}"))
+            .arg(format!("--screenshot={}", picture.display()))
+            .arg(format!("file://{}#selftest&{words}", page.display()))
+            .output()
+            .unwrap();
+        let log = String::from_utf8_lossy(&output.stderr);
+        let spoke: Vec<&str> = log.lines().filter(|l| l.contains("CONSOLE")).collect();
+        assert!(spoke.is_empty(), "{}: the console says {spoke:?}", page.display());
+        let dom = String::from_utf8_lossy(&output.stdout);
+        let said = dom.split_once("id=\"selftest\" hidden=\"\">").map(|(_, rest)| rest);
+        let Some((said, _)) = said.and_then(|s| s.split_once("</pre>")) else {
+            panic!("{}: the page did not finish its test\n{log}", page.display())
+        };
+        let said = said.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&");
+        let seen: Value = serde_json::from_str(&said).unwrap();
+        assert_eq!(seen["errors"], Value::Array(vec![]), "{}", page.display());
+        let picture = tiny_skia::Pixmap::decode_png(&fs::read(picture).unwrap()).unwrap();
+        Visit { seen, picture }
+    }
+}
+
+impl Visit {
+    fn number(&self, name: &str) -> f64 {
+        self.seen[name].as_f64().unwrap_or_else(|| panic!("{name} in {}", self.seen))
+    }
+
+    fn notes(&self) -> String {
+        self.seen["notes"].to_string()
+    }
+
+    /// Plays, steps, scrubs, turns, and shows every contact at the end and one grasp's at the start.
+    fn does_what_a_replay_does(&self, grasps: f64, contacts: f64, of_the_first: f64) {
+        assert_eq!(self.seen["renderer"], "WebGl");
+        assert_eq!(self.number("grasps"), grasps);
+        assert_eq!(self.number("touched"), contacts);
+        assert!(self.number("played") > 0.3, "it did not play: {}", self.seen);
+        assert_eq!(self.number("end"), grasps - 1.0);
+        assert_eq!(self.number("stepped"), grasps - 2.0);
+        assert_eq!(self.number("scrubbed"), 0.0);
+        assert_eq!(self.number("pointsAtEnd"), contacts);
+        assert_eq!(self.number("pointsAtStart"), of_the_first);
+        assert_eq!(self.seen["cameraMoved"], true);
+        assert_eq!(self.seen["riding"], true);
+    }
+
+    /// Different colours in the middle of the scene, where they are a share of the picture at least.
+    fn colours(&self) -> usize {
+        let (wide, high) = (self.picture.width(), self.picture.height());
+        let mut count = HashMap::new();
+        for y in high / 5..high * 3 / 5 {
+            for x in wide / 5..wide * 3 / 5 {
+                let p = self.picture.pixel(x, y).unwrap();
+                // Sixteen levels of each, so that smoothed edges count little.
+                *count.entry([p.red() >> 4, p.green() >> 4, p.blue() >> 4]).or_insert(0) += 1;
+            }
+        }
+        let least = (wide * high / 50_000).max(3);
+        count.into_values().filter(|&n: &u32| n >= least).count()
+    }
+}
+
+#[test]
+fn a_flat_run_plays() {
+    let Some(bench) = Bench::new() else { return };
+    bench.tactile("slam --out flat");
+    let visit = bench.visit(&bench.at("flat/replay.html"), "theme=light", "800,500");
+    visit.does_what_a_replay_does(10.0, 50.0, 5.0);
+    assert_eq!(visit.notes(), "[]");
+    assert!(visit.number("surfaces") >= 4.0);
+    assert!(visit.colours() > 12, "{} colours", visit.colours());
+    // The page works out the last pose's error from the poses: as the report has it.
+    let report = fs::read(bench.at("flat/report.json")).unwrap();
+    let report: Value = serde_json::from_slice(&report).unwrap();
+    for (ours, theirs) in
+        [("translation", "final_translation_mm"), ("rotation", "final_rotation_deg")]
+    {
+        let ours = visit.seen["lastError"][ours].as_f64().unwrap();
+        assert!((ours - report["pose"][theirs].as_f64().unwrap()).abs() < 1e-3, "{theirs}");
+    }
+}
+
+#[test]
+fn a_run_in_space_plays_and_a_page_that_was_cut_off_says_so() {
+    let Some(bench) = Bench::new() else { return };
+    bench.tactile("simulate --object box:0.12x0.06x0.06 --grasps 8 --seed 3 -o box.jsonl");
+    bench.tactile("slam box.jsonl --out space");
+    let page = bench.at("space/replay.html");
+    let whole = bench.visit(&page, "theme=dark", "500,700");
+    whole.does_what_a_replay_does(8.0, 40.0, 5.0);
+    assert!(whole.number("trianglesAtEnd") > 100.0);
+    assert!(whole.colours() > 12, "{} colours", whole.colours());
+
+    // Cut off near its end, and a number that is none.
+    let text = fs::read_to_string(&page).unwrap();
+    let damaged = bench.at("damaged.html");
+    let bad = text.replacen("\"grasp\":3,\"merged\"", "\"grasp\":\"three\",\"merged\"", 1);
+    fs::write(&damaged, &bad[..bad.len() * 9 / 10]).unwrap();
+    let damaged = bench.visit(&damaged, "draw=plain", "500,600");
+    assert!(damaged.notes().contains("grasp.grasp: expected a number"), "{}", damaged.notes());
+    assert!(damaged.notes().contains("ends early"), "{}", damaged.notes());
+    assert!((3.0..8.0).contains(&damaged.number("grasps")), "{}", damaged.seen);
+    // Without WebGL.
+    assert_eq!(damaged.seen["renderer"], "Painter");
+    assert!(damaged.colours() > 8, "{} colours", damaged.colours());
+}
