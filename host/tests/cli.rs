@@ -102,9 +102,18 @@ fn known_poses_give_the_shape() {
         "simulate --object box:0.12x0.06x0.06 --touch uniform --grasps 1 --contacts 60 -o b.jsonl",
     );
     assert!(bench.at("b.ply").is_file(), "the true mesh stands beside the log");
-    let report = bench.report("slam b.jsonl --poses truth --out b --json");
+    let report = bench.report("slam b.jsonl --poses truth --out b --mesh stl,obj --json");
     assert!(number(&report["surface"]["mean_mm"]) < 4.0, "{report}");
-    assert!(bench.at("b/shape.ply").is_file());
+    for ending in ["ply", "stl", "obj"] {
+        assert!(bench.at("b/shape").with_extension(ending).is_file(), "{ending}");
+    }
+    bench.refuses("slam e.jsonl --mesh stl --out no", &["e.jsonl", "no mesh"]);
+    // Quiet means nothing but what was asked for.
+    assert_eq!(bench.does("slam e.jsonl --poses truth --out e --quiet"), "");
+    let report = bench.report("-q slam e.jsonl --poses truth --out e --json");
+    assert_eq!(report["tracker"], "truth");
+    let said = bench.does("slam e.jsonl --poses truth --out e");
+    assert!(!said.contains('\x1b') && said.contains("results in e"), "no colours in a pipe");
 }
 
 #[test]

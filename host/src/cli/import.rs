@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
 
-use super::{Error, say};
+use super::Error;
+use super::terminal::tell;
 use crate::log::GraspLog;
 use crate::log::import::push::{self, FORCE_NOISE, Motion, Normals};
 use crate::log::import::{Options, csv, off};
@@ -137,7 +138,7 @@ pub fn run(args: &ImportArgs) -> Result<(), Error> {
         }
     };
     log.write(output).map_err(Error::input)?;
-    say(described(&log, output));
+    tell(described(&log, output));
     Ok(())
 }
 

@@ -4,10 +4,12 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::{Error, say};
+use super::Error;
+use super::terminal::say;
 use crate::log::GraspLog;
 use crate::log::inspection::inspect_recording;
 
+mod courses;
 mod log;
 use log::Summary;
 
@@ -48,6 +50,7 @@ pub fn inspect_log(file: &Path, json: bool) -> Result<(), Error> {
         say(serde_json::to_string_pretty(&summary).map_err(Error::failure)?);
     } else {
         say(format_args!("{}\n{}", file.display(), summary.text().trim_end()));
+        courses::of_log(&log).iter().for_each(say);
     }
     Ok(())
 }
@@ -62,6 +65,7 @@ fn inspect_tac(file: &Path, json: bool) -> Result<(), Error> {
         say(serde_json::to_string_pretty(&inspection.to_json()).map_err(Error::failure)?);
     } else {
         say(format_args!("{}\n{}", file.display(), inspection.to_string().trim_end()));
+        courses::of_recording(&inspection.replayed).iter().for_each(say);
     }
     Ok(())
 }

@@ -11,8 +11,9 @@ use tactile_core::space::{Planar, Spatial};
 use tactile_core::wire::{Hello, WireSpace};
 
 use self::watch::{Address, Watch};
+use super::Error;
 use super::slam::Input;
-use super::{Error, progress, say};
+use super::terminal::{Progress, note, say, tell, tell_report};
 use crate::graph::{self, joint};
 use crate::link::lesson::Lesson;
 use crate::link::qemu::Qemu;
@@ -161,6 +162,7 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
         Some(graph::Corrected { steps, relative }) => (steps, Some(relative)),
         None => (fed.steps, None),
     };
+    let progress = Progress::new("surface", "local experts");
     let provenance = Provenance {
         title,
         tracker: &tracker,
@@ -170,10 +172,11 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
             seconds: graph_seconds,
             relative: relative.as_deref(),
         }),
-        progress: &progress,
+        progress: &|done, all| progress.at(done, all),
     };
     let outcome = conclude(log, truth.as_ref(), steps, provenance)
         .map_err(|e| Error::Input(format!("{name}: {e}")))?;
+    drop(progress);
     if let Some(watch) = watch {
         watch.finish(&outcome);
     }
@@ -186,12 +189,12 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
         }
         say(serde_json::to_string_pretty(&report).map_err(Error::failure)?);
     } else {
-        say(fed.text);
+        tell(fed.text);
         if args.port == Port::Qemu {
-            say("               (the emulator's clock: not the time the chip takes)");
+            tell("               (the emulator's clock: not the time the chip takes)");
         }
-        say(outcome.report.to_string().trim_end());
-        say(format!("results in {}", args.out.display()));
+        tell_report(&outcome.report);
+        tell(format_args!("results in {}", args.out.display()));
     }
     match watch {
         Some(watch) => watch.stay(),
@@ -246,7 +249,7 @@ fn connect(args: &LiveArgs, dimension: usize) -> Result<Box<dyn Link>, Error> {
             .map(|link| Box::new(link) as Box<dyn Link>)
             .map_err(|e| Error::Failure(format!("tcp:{address}: {e}"))),
         Port::Qemu => {
-            eprintln!("building the firmware (a minute the first time) and starting QEMU");
+            note("building the firmware (a minute the first time) and starting QEMU");
             Qemu::build_and_start(dimension, tracker, EMULATOR_LIMIT)
                 .map(|link| Box::new(link) as Box<dyn Link>)
                 .map_err(Error::failure)
@@ -269,7 +272,9 @@ fn converse<S: Bridge + WireSpace>(
         return Err(Error::Input(message));
     }
     let (mut lessons, mut teaching) = (0, 0.0);
+    let progress = Progress::new("board", "grasps");
     let after = |number: usize, hello: &Hello, outcomes: &[GraspOutcome<S>]| {
+        progress.at(number + 1, log.grasps.len());
         if let Some((watch, step)) = watch.zip(outcomes.last().and_then(GraspOutcome::step)) {
             watch.grasp(number, step);
         }

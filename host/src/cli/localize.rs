@@ -6,7 +6,8 @@ use std::time::Instant;
 use clap::Args;
 use serde_json::{Value, json};
 
-use crate::cli::{Error, say};
+use crate::cli::Error;
+use crate::cli::terminal::say;
 use crate::localize::contacts::{ContactsError, Fixed, read};
 use crate::localize::{Freedom, Localization, LocalizeError, Mode, Settings, localize};
 use crate::quantity::{self, Deviation};

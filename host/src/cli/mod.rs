@@ -12,6 +12,7 @@ pub mod replay;
 pub mod reproduce;
 pub mod simulate;
 pub mod slam;
+mod terminal;
 
 use std::process::ExitCode;
 
@@ -29,6 +30,9 @@ use clap::{Parser, Subcommand};
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
+    /// Say nothing but results asked for, warnings and errors
+    #[arg(long, short, global = true)]
+    quiet: bool,
 }
 
 #[derive(Debug, Subcommand)]
@@ -48,6 +52,7 @@ enum Command {
 impl Cli {
     /// Runs the subcommand and prints what went wrong.
     pub fn run(&self) -> ExitCode {
+        terminal::silence(self.quiet);
         let outcome = match &self.command {
             Command::Slam(args) => slam::run(args),
             Command::Simulate(args) => simulate::run(args),
@@ -63,7 +68,7 @@ impl Cli {
         match outcome {
             Ok(()) => ExitCode::SUCCESS,
             Err(error) => {
-                eprintln!("error: {error}");
+                terminal::fail(&error);
                 ExitCode::from(error.code())
             }
         }
@@ -99,25 +104,4 @@ impl Error {
             Error::Failure(_) => 1,
         }
     }
-}
-
-/// Prints a line on standard output; a reader that went away is not an error.
-pub fn say(text: impl std::fmt::Display) {
-    use std::io::Write;
-    let _ = writeln!(std::io::stdout(), "{text}");
-}
-
-/// Shows how far long work is on one line of standard error, if somebody is looking.
-pub fn progress(done: usize, all: usize) {
-    use std::io::{IsTerminal, Write};
-    let step = |done: usize| 20 * done / all.max(1);
-    if done == 0 || step(done) == step(done - 1) || !std::io::stderr().is_terminal() {
-        return;
-    }
-    // The last one wipes the line.
-    let mut line = format!("\rsurface: {done} of {all} local experts");
-    if done >= all {
-        line = format!("\r{:width$}\r", "", width = line.len());
-    }
-    let _ = std::io::stderr().write_all(line.as_bytes());
 }

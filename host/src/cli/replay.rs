@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
-use super::{Error, say};
+use super::Error;
+use super::terminal::{tell, warn};
 use crate::log::GraspLog;
 use crate::log::recording::Recording;
 use crate::log::replayed::Replayed;
@@ -65,7 +66,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
             replayed.log.grasps.len()
         }
     };
-    say(format!("{count} grasps in {}", args.output.display()));
+    tell(format!("{count} grasps in {}", args.output.display()));
     Ok(())
 }
 
@@ -99,12 +100,12 @@ fn page(args: &ReplayArgs) -> Result<(), Error> {
         replay::of_recording(&args.file).map_err(Error::input)?
     };
     for missing in &scene.meta.missing {
-        eprintln!("warning: {}: {missing}", args.file.display());
+        warn(format_args!("{}: {missing}", args.file.display()));
     }
     write_atomically(&args.output, |out| html::write(&scene, out))
         .map_err(|e| unwritable(&args.output, e))?;
     let grasps: u64 = scene.grasps.iter().map(|g| g.merged).sum();
-    say(format!("{grasps} grasps in {}", args.output.display()));
+    tell(format!("{grasps} grasps in {}", args.output.display()));
     Ok(())
 }
 
@@ -120,7 +121,7 @@ fn read(file: &Path) -> Result<Replayed, Error> {
         (recording.damaged, "damaged pieces skipped"),
     ] {
         if count > 0 {
-            eprintln!("warning: {name}: {count} {what}");
+            warn(format_args!("{name}: {count} {what}"));
         }
     }
     Ok(replayed)
@@ -161,7 +162,7 @@ fn convert_log(log: &GraspLog, args: &ReplayArgs) -> Result<(), Error> {
 fn film(log: &GraspLog, steps: &[Option<Step>], args: &ReplayArgs) -> Result<(), Error> {
     let name = args.file.display().to_string();
     let truth = true_shape(log).unwrap_or_else(|error| {
-        eprintln!("warning: {name}: {error}; the true shape is left out");
+        warn(format_args!("{name}: {error}; the true shape is left out"));
         None
     });
     let contents = mcap::Contents {

@@ -7,7 +7,8 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use serde::Serialize;
 
-use crate::cli::{Error, say};
+use crate::cli::Error;
+use crate::cli::terminal::{note, say};
 use crate::experiment::chapter2::{self, FIGURES};
 use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{
@@ -332,10 +333,10 @@ fn watch<R: Display>(args: &ReproduceArgs, heading: String) -> impl FnMut(&R) {
     let quiet = args.json;
     move |row| {
         if let Some(heading) = heading.take() {
-            eprintln!("{heading}");
+            note(heading);
         }
         if !quiet {
-            eprintln!("{row}");
+            note(row);
         }
     }
 }

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{Error, say};
+use super::Error;
+use super::terminal::tell;
 use crate::log::words::Kind;
 use crate::quantity::{self, Deviation};
 use crate::shape::Geometry;
@@ -93,7 +94,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Error> {
     let contacts: usize = grasps.iter().map(|g| g.contacts.len()).sum();
     let free: usize = grasps.iter().map(|g| g.free.len()).sum();
     let plural = if grasps.len() == 1 { "" } else { "s" };
-    say(format_args!(
+    tell(format_args!(
         "{}: {} grasp{plural}, {contacts} contacts, {free} free points{unfelt}{}",
         args.output.display(),
         grasps.len(),

@@ -5,10 +5,12 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 
-use crate::cli::{Error, progress, say};
+use crate::cli::Error;
+use crate::cli::terminal::{Progress, say, tell, tell_report, warn};
 use crate::graph;
 use crate::log::GraspLog;
 use crate::shape::Geometry;
+use crate::shape::files::Plain;
 use crate::slam::choose::Choice;
 use crate::slam::output::{Correction, Outcome, Provenance, check_folder, conclude, true_shape};
 use crate::slam::trackers::Kind;
@@ -43,6 +45,9 @@ pub struct SlamArgs {
     /// Folder for the results
     #[arg(long, default_value = "out")]
     out: PathBuf,
+    /// Write the mesh in these formats too, beside shape.ply, which alone holds its uncertainty
+    #[arg(long, value_enum, value_name = "FORMAT", value_delimiter = ',')]
+    mesh: Vec<Plain>,
     /// Print the report as JSON
     #[arg(long)]
     json: bool,
@@ -94,7 +99,7 @@ impl Input {
         reconstruct::check(&log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
         check_folder(out).map_err(Error::input)?;
         let truth = true_shape(&log).unwrap_or_else(|error| {
-            eprintln!("warning: {name}: {error}; errors against the truth are left out");
+            warn(format_args!("{name}: {error}; errors against the truth are left out"));
             None
         });
         Ok(Input { log, name, truth })
@@ -104,10 +109,10 @@ impl Input {
     pub fn write(&self, outcome: &Outcome, out: &Path) -> Result<(), Error> {
         outcome.write(out, &self.log, self.truth.as_ref()).map_err(Error::input)?;
         if outcome.is_empty() {
-            eprintln!(
-                "warning: {}: no surface passes near a contact: the shape is empty",
+            warn(format_args!(
+                "{}: no surface passes near a contact: the shape is empty",
                 self.name
-            );
+            ));
         }
         Ok(())
     }
@@ -125,13 +130,21 @@ impl Input {
 pub fn run(args: &SlamArgs) -> Result<(), Error> {
     let input = Input::open(args.log.as_deref(), &args.out)?;
     let Input { log, name, truth } = &input;
+    if log.dimension == 2 && !args.mesh.is_empty() {
+        let message = "--mesh: a planar log has an outline, contour.csv, and no mesh";
+        return Err(Error::Input(format!("{name}: {message}")));
+    }
     let start = Instant::now();
     let (steps, tracker) = match args.poses {
         Poses::Truth => {
             let steps = track::truth(log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
             (steps, "truth")
         }
-        Poses::Estimated => (args.tracker.follow(log, args.seed), args.tracker.name()),
+        Poses::Estimated => {
+            let progress = Progress::new("poses", "grasps");
+            let told = |done, all| progress.at(done, all);
+            (args.tracker.follow_told(log, args.seed, &told), args.tracker.name())
+        }
     };
     let tracking_seconds = start.elapsed().as_secs_f64();
     let kind = args.graph.unwrap_or(match args.poses {
@@ -150,6 +163,7 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
         SurfaceKind::Faces => Choice::Faces,
         SurfaceKind::Gp => Choice::Gp,
     };
+    let progress = Progress::new("surface", "local experts");
     let provenance = Provenance {
         title: input.title(),
         tracker,
@@ -157,16 +171,20 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
         tracking_seconds,
         graph: (kind != graph::Kind::None)
             .then_some(Correction { seconds: graph_seconds, relative: relative.as_deref() }),
-        progress: &progress,
+        progress: &|done, all| progress.at(done, all),
     };
     let outcome = conclude(log, truth.as_ref(), steps, provenance)
         .map_err(|e| Error::Input(format!("{name}: {e}")))?;
+    drop(progress);
+    for format in &args.mesh {
+        outcome.write_plain(&args.out, *format).map_err(Error::input)?;
+    }
     input.write(&outcome, &args.out)?;
     if args.json {
         say(outcome.report.to_json().map_err(Error::failure)?.trim_end());
     } else {
-        say(outcome.report.to_string().trim_end());
-        say(format!("results in {}", args.out.display()));
+        tell_report(&outcome.report);
+        tell(format_args!("results in {}", args.out.display()));
     }
     Ok(())
 }

@@ -151,6 +151,37 @@ pub fn write_ply(
         .map_err(|source| FileError::Io { file: path.into(), action: "write", source })
 }
 
+/// Formats of meshes that hold nothing but the shape; PLY ([`write_ply`]) holds its uncertainty too.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Plain {
+    /// Binary STL, single precision
+    Stl,
+    /// Wavefront OBJ
+    Obj,
+}
+
+impl Plain {
+    /// The ending of its files.
+    pub fn ending(self) -> &'static str {
+        match self {
+            Plain::Stl => "stl",
+            Plain::Obj => "obj",
+        }
+    }
+}
+
+/// Writes a mesh, fully or not at all. Neither format knows units: the numbers are metres.
+///
+/// # Errors
+/// When the file cannot be written, or (`InvalidInput`) holds more triangles than STL can count.
+pub fn write_plain(path: &Path, mesh: &Mesh, format: Plain) -> Result<(), FileError> {
+    write_atomically(path, |writer| match format {
+        Plain::Stl => stl::write(writer, mesh),
+        Plain::Obj => obj::write(writer, mesh),
+    })
+    .map_err(|source| FileError::Io { file: path.into(), action: "write", source })
+}
+
 /// As [`write_ply`], to anything that can be written to.
 ///
 /// # Errors

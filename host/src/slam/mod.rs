@@ -16,6 +16,9 @@ pub mod trackers;
 
 use crate::log::{LoggedContact, Noise};
 
+/// Told how far long work is: parts done, and of how many. From any thread.
+pub type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
+
 /// Standard deviation of a contact point where the log does not say: 1 mm (thesis 3.4).
 pub const POINT_DEVIATION: f64 = 1e-3;
 

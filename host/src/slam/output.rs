@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::log::{GraspLog, TrueShape};
-use crate::shape::files::{self, FileError};
+use crate::shape::files::{self, FileError, Plain};
 use crate::shape::{Geometry, Outline, ShapeError, metrics};
+use crate::slam::Progress;
 use crate::slam::choose::Choice;
-use crate::slam::reconstruct::{self, Progress, Reconstruction, reconstruct};
+use crate::slam::reconstruct::{self, Reconstruction, reconstruct};
 use crate::slam::replay;
 use crate::slam::track::Step;
 use crate::view::report::{JudgedGrasp, Report, Run, gauge, pose_errors};
@@ -211,6 +212,8 @@ pub fn check_folder(folder: &Path) -> Result<(), WriteError> {
     for name in [
         "contour.csv",
         "shape.ply",
+        "shape.stl",
+        "shape.obj",
         "trajectory.tum",
         "replay.mcap",
         "replay.html",
@@ -241,9 +244,22 @@ impl Outcome {
         self.summary.figures.clone()
     }
 
+    /// Writes the mesh as `shape.stl` or `shape.obj` into `folder`, which is made if need be; an
+    /// outline has none.
+    ///
+    /// # Errors
+    /// Names the file that could not be written.
+    pub fn write_plain(&self, folder: &Path, format: Plain) -> Result<(), WriteError> {
+        let Geometry::Mesh(mesh) = &self.reconstruction.geometry else { return Ok(()) };
+        std::fs::create_dir_all(folder).map_err(WriteError::at(folder))?;
+        let path = folder.join("shape").with_extension(format.ending());
+        Ok(files::write_plain(&path, mesh, format)?)
+    }
+
     /// Writes `report.json`, `contour.csv` or `shape.ply`, `trajectory.tum`, `replay.mcap`,
-    /// `replay.html` and `summary.png` into `folder`, which is made if need be. Everything is computed before the first
-    /// file appears, and each file appears whole. `log` and `truth` are those it was concluded from.
+    /// `replay.html` and `summary.png` into `folder`, which is made if need be. Everything is computed
+    /// before the first file appears, and each file appears whole. `log` and `truth` are those it was
+    /// concluded from.
     ///
     /// # Errors
     /// Names the file that could not be written.

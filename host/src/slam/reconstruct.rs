@@ -14,7 +14,7 @@ use crate::slam::choose::{self, Choice, Model, Refusal};
 use crate::slam::fit::{fit, fit_experts};
 use crate::slam::free::Free;
 use crate::slam::track::Step;
-use crate::slam::{deviations, usual_deviations};
+use crate::slam::{Progress, deviations, usual_deviations};
 use crate::space::{Point, Pose};
 
 /// A contact in the object frame, as the surface was fitted to it.
@@ -74,9 +74,6 @@ const VOTING: usize = 2_000;
 /// Contacts that a dense Gaussian process takes at most in the plane and in space; more make local
 /// experts, which are as accurate and from there on faster.
 const DENSE: [usize; 2] = [800, 400];
-
-/// Told how far long work is: experts fitted, and of how many. From any thread.
-pub type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
 
 /// Refuses a log that [`reconstruct()`] could not take, before anything long is begun.
 ///

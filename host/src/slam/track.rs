@@ -7,7 +7,7 @@ use tactile_core::track::{Estimate, MotionNoise, Settings, Status, Tracker};
 
 use crate::log::replayed::RecordedEstimate;
 use crate::log::{GraspLog, LoggedGrasp, Noise};
-use crate::slam::deviations;
+use crate::slam::{Progress, deviations};
 use crate::space::{Bridge, Pose};
 
 /// What is known of the object after one grasp.
@@ -139,7 +139,16 @@ pub fn settings(log: &GraspLog, seed: u64) -> Settings {
 /// Feeds a log through any tracker. Poses that the tracker came to know better later
 /// ([`Tracker::recall`]) are as it knows them in the end.
 pub fn follow<S: Bridge>(tracker: &mut impl Tracker<S>, log: &GraspLog) -> Vec<Step> {
-    let mut steps = online(tracker, log);
+    follow_told(tracker, log, &|_, _| ())
+}
+
+/// Like [`follow`]; `told` hears after each grasp how many are done, and of how many.
+pub fn follow_told<S: Bridge>(
+    tracker: &mut impl Tracker<S>,
+    log: &GraspLog,
+    told: Progress<'_>,
+) -> Vec<Step> {
+    let mut steps = each(tracker, log, told);
     for (grasp, step) in (0..).zip(&mut steps) {
         if let Some(pose) = tracker.recall(grasp) {
             step.pose = S::isometry(&pose);
@@ -150,14 +159,20 @@ pub fn follow<S: Bridge>(tracker: &mut impl Tracker<S>, log: &GraspLog) -> Vec<S
 
 /// Feeds a log through any tracker: each step as it was known at the time.
 pub fn online<S: Bridge>(tracker: &mut impl Tracker<S>, log: &GraspLog) -> Vec<Step> {
-    log.grasps
-        .iter()
-        .map(|grasp| {
+    each(tracker, log, &|_, _| ())
+}
+
+fn each<S: Bridge>(tracker: &mut impl Tracker<S>, log: &GraspLog, told: Progress<'_>) -> Vec<Step> {
+    (1..)
+        .zip(&log.grasps)
+        .map(|(number, grasp)| {
             let motion = grasp.motion.as_ref().map(S::pose);
             let contacts = contacts::<S>(grasp, &log.noise);
             let free = free_points::<S>(grasp);
             let view = GraspView { contacts: &contacts, free: &free };
-            Step::from_estimate(&tracker.update(motion.as_ref(), view))
+            let step = Step::from_estimate(&tracker.update(motion.as_ref(), view));
+            told(number, log.grasps.len());
+            step
         })
         .collect()
 }

@@ -9,7 +9,8 @@ use tactile_core::track::{Automatic, Bootstrap, MotionNoise, RaoBlackwell, Setti
 use tactile_core::wire::TrackerKind;
 
 use crate::log::GraspLog;
-use crate::slam::track::{Step, follow, settings};
+use crate::slam::Progress;
+use crate::slam::track::{Step, follow_told, settings};
 
 /// The trackers on offer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -52,12 +53,17 @@ impl Kind {
     /// Follows the object through the log: one step per grasp, the same for the same seed on every
     /// machine.
     pub fn follow(self, log: &GraspLog, seed: u64) -> Vec<Step> {
+        self.follow_told(log, seed, &|_, _| ())
+    }
+
+    /// Like [`Kind::follow`]; `told` hears after each grasp how many are done, and of how many.
+    pub fn follow_told(self, log: &GraspLog, seed: u64, told: Progress<'_>) -> Vec<Step> {
         match self {
-            Kind::Bootstrap => bootstrap(log, &settings(log, seed)),
-            Kind::Curved => curved(log, settings(log, seed).motion),
-            Kind::Hypotheses => several_hypotheses(log, settings(log, seed).motion),
-            Kind::RaoBlackwell => rao_blackwell(log, &settings(log, seed)),
-            Kind::Automatic => automatic(log, settings(log, seed).motion),
+            Kind::Bootstrap => bootstrap(log, &settings(log, seed), told),
+            Kind::Curved => curved(log, settings(log, seed).motion, told),
+            Kind::Hypotheses => several_hypotheses(log, settings(log, seed).motion, told),
+            Kind::RaoBlackwell => rao_blackwell(log, &settings(log, seed), told),
+            Kind::Automatic => automatic(log, settings(log, seed).motion, told),
         }
     }
 }
@@ -125,33 +131,33 @@ type SpatialHypotheses =
 
 /// Follows the object through the log with the bootstrap filter (thesis 3.3.1, corrected): one step
 /// per grasp, the same for the same seed on every machine.
-pub fn bootstrap(log: &GraspLog, settings: &Settings) -> Vec<Step> {
+pub fn bootstrap(log: &GraspLog, settings: &Settings, told: Progress<'_>) -> Vec<Step> {
     if log.dimension == 2 {
         type Filter = Bootstrap<Planar, BakedMap, PLANAR_PARTICLES>;
         // Made by the compiler: the stack has no room for every part on its way into the whole.
         let mut tracker = Box::new(const { Filter::new(BakedMap::new(PlanarMap::new())) });
         tracker.map_mut().map_mut().configure(KERNEL, Ball::UNSET, Training::Normals);
         tracker.configure(*settings);
-        follow(&mut *tracker, log)
+        follow_told(&mut *tracker, log, told)
     } else {
         let mut tracker =
             Box::new(Bootstrap::<Spatial, SpatialMap, SPATIAL_PARTICLES>::new(SpatialMap::new()));
         tracker.map_mut().configure(KERNEL, Ball::UNSET, Training::Normals);
         tracker.configure(*settings);
-        follow(&mut *tracker, log)
+        follow_told(&mut *tracker, log, told)
     }
 }
 
 /// Follows a curved object through the log: one step per grasp, the same on every machine.
-pub fn curved(log: &GraspLog, motion: MotionNoise) -> Vec<Step> {
+pub fn curved(log: &GraspLog, motion: MotionNoise, told: Progress<'_>) -> Vec<Step> {
     if log.dimension == 2 {
         let mut tracker = Box::new(PlanarCurved::new(Gpis::new()));
         expect_curved(&mut tracker, motion);
-        follow(&mut *tracker, log)
+        follow_told(&mut *tracker, log, told)
     } else {
         let mut tracker = Box::new(SpatialCurved::new(Gpis::new()));
         expect_curved(&mut tracker, motion);
-        follow(&mut *tracker, log)
+        follow_told(&mut *tracker, log, told)
     }
 }
 
@@ -175,35 +181,35 @@ fn expect_curved<
 
 /// Follows an object of which nobody knows whether it is curved: one step per grasp, the same on
 /// every machine.
-pub fn automatic(log: &GraspLog, motion: MotionNoise) -> Vec<Step> {
+pub fn automatic(log: &GraspLog, motion: MotionNoise, told: Progress<'_>) -> Vec<Step> {
     let faces = hypotheses::Settings { motion, ..hypotheses::Settings::DEFAULT };
     if log.dimension == 2 {
         let mut tracker =
             Box::new(Automatic::new(PlanarHypotheses::new(), PlanarCurved::new(Gpis::new())));
         tracker.first_mut().configure(faces);
         expect_curved(tracker.second_mut(), motion);
-        follow(&mut *tracker, log)
+        follow_told(&mut *tracker, log, told)
     } else {
         let mut tracker =
             Box::new(Automatic::new(SpatialHypotheses::new(), SpatialCurved::new(Gpis::new())));
         tracker.first_mut().configure(faces);
         expect_curved(tracker.second_mut(), motion);
-        follow(&mut *tracker, log)
+        follow_told(&mut *tracker, log, told)
     }
 }
 
 /// Follows the object through the log with joint hypotheses of pose and faces: one step per grasp, the
 /// same on every machine.
-pub fn several_hypotheses(log: &GraspLog, motion: MotionNoise) -> Vec<Step> {
+pub fn several_hypotheses(log: &GraspLog, motion: MotionNoise, told: Progress<'_>) -> Vec<Step> {
     let settings = hypotheses::Settings { motion, ..hypotheses::Settings::DEFAULT };
     if log.dimension == 2 {
         let mut tracker = Box::new(PlanarHypotheses::new());
         tracker.configure(settings);
-        follow(&mut *tracker, log)
+        follow_told(&mut *tracker, log, told)
     } else {
         let mut tracker = Box::new(SpatialHypotheses::new());
         tracker.configure(settings);
-        follow(&mut *tracker, log)
+        follow_told(&mut *tracker, log, told)
     }
 }
 
@@ -215,16 +221,16 @@ const SPATIAL_FACES: usize = 16;
 const HISTORY: usize = 256;
 
 /// Follows the object through the log with the Rao-Blackwellised particle filter.
-fn rao_blackwell(log: &GraspLog, settings: &Settings) -> Vec<Step> {
+fn rao_blackwell(log: &GraspLog, settings: &Settings, told: Progress<'_>) -> Vec<Step> {
     if log.dimension == 2 {
         type Filter = RaoBlackwell<Planar, FACED_PARTICLES, PLANAR_FACES, HISTORY>;
         let mut tracker = Box::new(Filter::new());
         tracker.configure(settings.motion, settings.seed);
-        follow(&mut *tracker, log)
+        follow_told(&mut *tracker, log, told)
     } else {
         type Filter = RaoBlackwell<Spatial, FACED_PARTICLES, SPATIAL_FACES, HISTORY>;
         let mut tracker = Box::new(Filter::new());
         tracker.configure(settings.motion, settings.seed);
-        follow(&mut *tracker, log)
+        follow_told(&mut *tracker, log, told)
     }
 }

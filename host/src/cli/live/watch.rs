@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use crate::cli::Error;
 use crate::cli::slam::Input;
+use crate::cli::terminal::note;
 use crate::log::GraspLog;
 use crate::slam::choose::Choice;
 use crate::slam::output::Outcome;
@@ -73,7 +74,7 @@ impl<'a> Watch<'a> {
             truth: input.truth.as_ref().map(|t| Shape::new(&shown(t))),
             ..Meta::new(input.log.dimension, input.title())
         });
-        eprintln!("live view at {}", view.url());
+        note(format_args!("live view at {}", view.url()));
         Ok(Watch {
             view,
             log: &input.log,
@@ -141,7 +142,7 @@ impl<'a> Watch<'a> {
 
     /// Keeps the view open until somebody ends the program.
     pub fn stay(&self) -> ! {
-        eprintln!("the live view stays at {} until Ctrl-C", self.view.url());
+        note(format_args!("the live view stays at {} until Ctrl-C", self.view.url()));
         loop {
             thread::park();
         }

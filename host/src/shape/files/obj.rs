@@ -1,6 +1,9 @@
 //! Wavefront OBJ: `v` and `f` lines.
 
+use std::io::{Result as IoResult, Write};
+
 use super::{Place, Soup, Wrong, point, text};
+use crate::shape::Mesh;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Soup, Wrong> {
     let mut soup = Soup::default();
@@ -26,6 +29,17 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Soup, Wrong> {
         }
     }
     Ok(soup)
+}
+
+/// Vertices with as many digits as it takes, then triangles.
+pub(super) fn write(writer: &mut dyn Write, mesh: &Mesh) -> IoResult<()> {
+    for v in mesh.vertices() {
+        writeln!(writer, "v {} {} {}", v.x, v.y, v.z)?;
+    }
+    for [a, b, c] in mesh.triangles() {
+        writeln!(writer, "f {} {} {}", u64::from(*a) + 1, u64::from(*b) + 1, u64::from(*c) + 1)?;
+    }
+    Ok(())
 }
 
 /// The vertex of a corner `v`, `v/t`, `v//n` or `v/t/n`: from 1, or back from the newest.

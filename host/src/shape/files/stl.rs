@@ -1,8 +1,10 @@
 //! STL, ascii and binary: triangles without shared vertices, which are merged where equal.
 
 use std::collections::HashMap;
+use std::io::{Error, ErrorKind, Result as IoResult, Write};
 
 use super::{Place, Soup, Wrong, point, text};
+use crate::shape::Mesh;
 use crate::space::Point;
 
 /// Bytes before the triangles, and of each.
@@ -76,6 +78,30 @@ fn ascii(text: &str) -> Result<Soup, Wrong> {
         return Err(Wrong::new(Place::Line(last + 1), "endsolid", "the end of the file"));
     }
     Ok(merged.soup)
+}
+
+/// Binary, single precision, each triangle with its normal (zero where it has no area).
+pub(super) fn write(writer: &mut dyn Write, mesh: &Mesh) -> IoResult<()> {
+    let triangles = mesh.triangles();
+    let count = u32::try_from(triangles.len()).map_err(|_| {
+        Error::new(ErrorKind::InvalidInput, format!("{} triangles: too many", triangles.len()))
+    })?;
+    let mut header = [b' '; HEADER - 4];
+    // It must not begin like an ascii file.
+    header[..7].copy_from_slice(b"tactile");
+    writer.write_all(&header)?;
+    writer.write_all(&count.to_le_bytes())?;
+    for triangle in triangles {
+        let [a, b, c] = triangle.map(|v| mesh.vertices()[v as usize]);
+        let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
+        for point in [normal, a, b, c] {
+            for number in point.iter() {
+                writer.write_all(&(*number as f32).to_le_bytes())?;
+            }
+        }
+        writer.write_all(&[0; 2])?;
+    }
+    Ok(())
 }
 
 /// Triangles whose equal corners are one vertex.

@@ -44,6 +44,34 @@ fn ply_comes_back_exactly() {
 }
 
 #[test]
+fn plain_meshes_come_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = cuboid([0.1 / 3.0, 0.03, 0.02]);
+    let path = folder.path().join("a.obj");
+    write_plain(&path, &mesh, Plain::Obj).unwrap();
+    same(&read_mesh(&path).unwrap(), &mesh);
+
+    // STL knows no shared vertices and halves the digits.
+    let path = folder.path().join("a.stl");
+    write_plain(&path, &mesh, Plain::Stl).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    assert_eq!(bytes.len(), 84 + 50 * mesh.triangles().len());
+    let back = read_mesh(&path).unwrap();
+    assert!(back.is_watertight() && (back.volume() - mesh.volume()).abs() < 1e-9);
+    let number = |at: usize| f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+    let [a, b, c] = mesh.triangles()[0].map(|v| mesh.vertices()[v as usize]);
+    let normal = (b - a).cross(&(c - a)).normalize();
+    for axis in 0..3 {
+        assert!((f64::from(number(84 + 4 * axis)) - normal[axis]).abs() < 1e-6);
+    }
+    assert!(write_plain(&folder.path().join("no/a.stl"), &mesh, Plain::Stl).is_err());
+    // A triangle without area has no normal, and harms nobody.
+    let flat = Mesh::new(vec![Point::zeros(); 3], vec![[0, 1, 2]]).unwrap();
+    write_plain(&path, &flat, Plain::Stl).unwrap();
+    assert_eq!(std::fs::read(&path).unwrap()[84..], [0; 50]);
+}
+
+#[test]
 fn every_format_gives_the_same_tetrahedron() {
     let ply = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty uchar red\n\
         property float y\nproperty float z\nelement face 3\nproperty list uchar int vertex_indices\n\
