@@ -160,7 +160,10 @@ impl Front<'_> {
             let choice = choice([i, j], &found.pose, &found.covariance, 0.0)?;
             return Some(Constraint { choices: vec![choice], refused: f64::INFINITY, weight: 1.0 });
         }
-        let found = alternatives(dimension, a, b, &guess, &self.allowed(i, j));
+        // The tracker may have gone as far astray one way as the object the other.
+        let Allowed { translation, rotation } = self.allowed(i, j);
+        let allowed = Allowed { translation: 2.0 * translation, rotation: 2.0 * rotation };
+        let found = alternatives(dimension, a, b, &guess, &allowed);
         let least = least(&found);
         let choices: Vec<Choice<G, D>> = found
             .iter()

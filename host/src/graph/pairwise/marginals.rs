@@ -93,7 +93,7 @@ mod tests {
     use nalgebra::Matrix3;
 
     use super::*;
-    use crate::graph::pose::{Edge, Se2};
+    use crate::graph::pose::{Edge, Group, Se2};
 
     #[test]
     fn variances_add_along_a_chain_and_a_loop_closes_them() {
