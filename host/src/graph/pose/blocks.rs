@@ -86,9 +86,12 @@ impl<'p, const B: usize> Blocks<'p, B> {
     pub fn solve(&self, right: &mut [f64]) -> Result<(), Singular> {
         let structure = &self.places.layout.structure;
         let mut factor = Factor::new(structure);
-        factor.factorise(structure, &self.matrix, 0.0).map_err(|NotPositive { position, row }| {
-            Singular { pose: self.places.layout.pose[position] as usize, row }
-        })?;
+        factor.factorise(structure, &self.matrix, 0.0).map_err(
+            |NotPositive { position, row }| Singular {
+                pose: self.places.layout.pose[position] as usize,
+                row,
+            },
+        )?;
         let length = structure.blocks() * B;
         if length > 0 {
             right.chunks_exact_mut(length).for_each(|right| factor.solve(structure, right));
