@@ -47,24 +47,29 @@ pub fn chordal<G: Rigid<D, N>, const D: usize, const N: usize>(
     graph: &PoseGraph<G, D>,
 ) -> Result<Vec<G>, Error> {
     graph.check()?;
-    chordal_in(graph, &Layout::new(graph, &graph.held(), Structure::LIMIT)?)
+    chordal_in(graph, &Layout::new(graph, &graph.held(), Structure::LIMIT)?, None)
 }
 
-/// [`chordal`] of a graph that is checked, in a layout that is known.
+/// [`chordal`] of a graph that is checked, in a layout that is known, its information times `weights`.
 pub(super) fn chordal_in<G: Rigid<D, N>, const D: usize, const N: usize>(
     graph: &PoseGraph<G, D>,
     layout: &Layout,
+    weights: Option<&[f64]>,
 ) -> Result<Vec<G>, Error> {
     let places = Places::new(graph, layout);
     let mut poses = graph.poses.clone();
-    rotations(graph, &places, &mut poses)?;
-    translations(graph, &places, &mut poses)?;
+    rotations(graph, &places, weights, &mut poses)?;
+    translations(graph, &places, weights, &mut poses)?;
     Ok(poses)
 }
 
 /// κ or τ: n / tr(A⁻¹) of the n × n part of an edge's information that starts at row `first`; zero where
 /// that is singular.
-fn harmonic_mean<const D: usize>(information: &SMatrix<f64, D, D>, first: usize, n: usize) -> f64 {
+pub(super) fn harmonic_mean<const D: usize>(
+    information: &SMatrix<f64, D, D>,
+    first: usize,
+    n: usize,
+) -> f64 {
     let get = |r: usize, c: usize| information[(first + r, first + c)];
     let minor = |a: usize, b: usize| get(a, a) * get(b, b) - get(a, b) * get(b, a);
     let (determinant, minors) = match n {
@@ -85,6 +90,7 @@ fn harmonic_mean<const D: usize>(information: &SMatrix<f64, D, D>, first: usize,
 fn rotations<G: Rigid<D, N>, const D: usize, const N: usize>(
     graph: &PoseGraph<G, D>,
     places: &Places<'_>,
+    weights: Option<&[f64]>,
     poses: &mut [G],
 ) -> Result<(), Error> {
     let unconstrained = |pose| Error::Unconstrained { id: graph.ids[pose], component: N };
@@ -102,7 +108,8 @@ fn rotations<G: Rigid<D, N>, const D: usize, const N: usize>(
         }
     };
     for (index, edge) in graph.edges.iter().enumerate() {
-        let kappa = harmonic_mean(&edge.information, N, D - N);
+        let weight = weights.map_or(1.0, |weights| weights[index]);
+        let kappa = weight * harmonic_mean(&edge.information, N, D - N);
         let measured = edge.measured.rotation_matrix() * kappa;
         let own = SMatrix::identity() * kappa;
         system.add_pose(edge.from, &own);
@@ -129,6 +136,7 @@ fn rotations<G: Rigid<D, N>, const D: usize, const N: usize>(
 fn translations<G: Rigid<D, N>, const D: usize, const N: usize>(
     graph: &PoseGraph<G, D>,
     places: &Places<'_>,
+    weights: Option<&[f64]>,
     poses: &mut [G],
 ) -> Result<(), Error> {
     let unconstrained = |pose| Error::Unconstrained { id: graph.ids[pose], component: 0 };
@@ -143,7 +151,8 @@ fn translations<G: Rigid<D, N>, const D: usize, const N: usize>(
         }
     };
     for (index, edge) in graph.edges.iter().enumerate() {
-        let tau = harmonic_mean(&edge.information, 0, N);
+        let weight = weights.map_or(1.0, |weights| weights[index]);
+        let tau = weight * harmonic_mean(&edge.information, 0, N);
         let block = SMatrix::<f64, 1, 1>::new(tau);
         system.add_pose(edge.from, &block);
         system.add_pose(edge.to, &block);

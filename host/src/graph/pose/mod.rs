@@ -9,9 +9,12 @@ mod blocks;
 pub mod certificate;
 mod check;
 pub mod chordal;
+mod cycles;
 pub mod diagnosis;
 pub mod error;
 pub mod g2o;
+pub mod global;
+pub mod gnc;
 #[cfg(test)]
 pub(crate) mod grid;
 pub mod group;

@@ -42,17 +42,22 @@ fn held<G: Group<D>, const D: usize>(graph: &PoseGraph<G, D>) -> impl Iterator<I
 /// A file numbers its poses in order of time, consecutively or not, so that these are the
 /// measurements of a robot's own motion; all others close loops.
 pub fn odometry_edges<G, const D: usize>(graph: &PoseGraph<G, D>) -> Vec<bool> {
-    let mut order: Vec<usize> = (0..graph.poses.len()).collect();
-    order.sort_by_key(|&pose| graph.ids.get(pose));
-    let mut rank = vec![0; order.len()];
-    for (at, &pose) in order.iter().enumerate() {
-        rank[pose] = at;
-    }
+    let ranks = ranks(graph);
     let follows = |a: usize, b: usize| {
-        let ranks = rank.get(a).zip(rank.get(b));
-        ranks.is_some_and(|(a, b)| a.abs_diff(*b) == 1)
+        ranks.get(a).zip(ranks.get(b)).is_some_and(|(a, b)| a.abs_diff(*b) == 1)
     };
     graph.edges.iter().map(|edge| follows(edge.from, edge.to)).collect()
+}
+
+/// The place of every pose in the ascending order of names.
+pub(super) fn ranks<G, const D: usize>(graph: &PoseGraph<G, D>) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..graph.poses.len()).collect();
+    order.sort_by_key(|&pose| graph.ids.get(pose));
+    let mut ranks = vec![0; order.len()];
+    for (at, &pose) in order.iter().enumerate() {
+        ranks[pose] = at;
+    }
+    ranks
 }
 
 /// Initial values of all poses by composing measurements outwards from those that are held: the
