@@ -8,7 +8,9 @@
 mod check;
 pub mod error;
 pub mod group;
+pub mod incremental;
 pub mod kernel;
+pub mod marginals;
 mod normal;
 pub mod optimizer;
 pub mod sparse;
@@ -16,6 +18,8 @@ pub mod sparse;
 pub use error::Error;
 pub use group::{Group, Linearised, Se2, Se3};
 pub use kernel::Kernel;
+pub use incremental::{FixedLag, Incremental};
+pub use marginals::{Marginals, marginals};
 pub use optimizer::{Iteration, Method, Optimizer, Options, Stop, Summary, optimize};
 
 use nalgebra::SMatrix;
@@ -74,3 +78,6 @@ impl<G: Group<D>, const D: usize> Edge<G, D> {
         error.dot(&(self.information * error))
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -64,7 +64,8 @@ impl<const B: usize> Factor<B> {
             heights[stack] += size::<B>(node);
             most[stack] = most[stack].max(heights[stack]);
             let children = &structure.children[node.children.clone()];
-            heights[1 - stack] -= children.iter().map(|&c| size::<B>(&nodes[c as usize])).sum::<usize>();
+            heights[1 - stack] -=
+                children.iter().map(|&c| size::<B>(&nodes[c as usize])).sum::<usize>();
         }
         Self {
             panels: vec![0.0; starts[nodes.len()]],
@@ -94,6 +95,11 @@ impl<const B: usize> Factor<B> {
     /// Replaces `x`, a vector by position, by A⁻¹ x.
     pub fn solve(&self, structure: &Structure, x: &mut [f64]) {
         run_with(Instructions::Avx2, Solve { factor: self, structure, x });
+    }
+
+    /// The columns of supernode `at`, as [`front`] lays them out.
+    pub(super) fn panel(&self, at: usize) -> &[f64] {
+        &self.panels[self.starts[at]..self.starts[at + 1]]
     }
 
     fn assemble(
@@ -228,7 +234,7 @@ impl<const B: usize> Work for Solve<'_, B> {
         for (at, node) in structure.nodes.iter().enumerate() {
             let (columns, rows) = (node.columns * B, node.rows.len() * B);
             let stride = stride(columns, rows);
-            let panel = &factor.panels[factor.starts[at]..factor.starts[at + 1]];
+            let panel = factor.panel(at);
             let range = node.first * B..node.first * B + columns;
             let reciprocals = &factor.reciprocals[range.clone()];
             let own = &mut x[range];
@@ -255,7 +261,7 @@ impl<const B: usize> Work for Solve<'_, B> {
         for (at, node) in structure.nodes.iter().enumerate().rev() {
             let (columns, rows) = (node.columns * B, node.rows.len() * B);
             let stride = stride(columns, rows);
-            let panel = &factor.panels[factor.starts[at]..factor.starts[at + 1]];
+            let panel = factor.panel(at);
             let gathered = &mut gathered[..rows];
             let blocks = gathered.chunks_exact_mut(B).zip(&structure.rows[node.rows.clone()]);
             for (block, &row) in blocks {
