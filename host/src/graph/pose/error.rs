@@ -87,7 +87,8 @@ pub enum Error {
     /// The measurements leave a pose free to move.
     #[error(
         "pose {id} is not determined by its measurements (in component {component} of its tangent): \
-         their information or weights are too small, or lie in one direction"
+         their information or weights are too small or lie in one direction, or the chain to the next \
+         pose that is held is too long for double precision"
     )]
     Unconstrained {
         /// The pose.

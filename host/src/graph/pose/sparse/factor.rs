@@ -15,7 +15,7 @@ pub struct NotPositive {
 }
 
 /// A pivot less than this share of its diagonal element is rounding error.
-const DEPENDENT: f64 = 1e-14;
+const DEPENDENT: f64 = 2e-15;
 
 /// L with L Lᵀ = A, for a matrix of B × B blocks. Memory is kept from one matrix to the next.
 #[derive(Clone, Debug)]
