@@ -87,7 +87,8 @@ pub enum Error {
     /// The measurements leave a pose free to move.
     #[error(
         "pose {id} is not determined by its measurements (in component {component} of its tangent): \
-         their information or weights are too small, or lie in one direction"
+         their information or weights are too small or lie in one direction, or the chain to the next \
+         pose that is held is too long for double precision"
     )]
     Unconstrained {
         /// The pose.
@@ -100,6 +101,18 @@ pub enum Error {
     Overflow {
         /// The edge.
         edge: usize,
+    },
+    /// A pose under an id that is taken.
+    #[error("pose {id} is there already")]
+    Repeated {
+        /// The id.
+        id: u64,
+    },
+    /// An edge between poses of which one is not, or no longer, there.
+    #[error("an edge names pose {id}, which is not in the graph")]
+    Unknown {
+        /// The id.
+        id: u64,
     },
     /// A graph with another set of edges or fixed poses than the optimiser was made for.
     #[error("the graph's {what} are not those the optimiser was made for")]

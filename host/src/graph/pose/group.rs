@@ -1,6 +1,6 @@
 //! The groups of rigid motions: SE(2) and SE(3), their small motions and the error of a measurement.
 
-use nalgebra::{Matrix2, Matrix3, Quaternion, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Matrix3, Quaternion, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 
 /// The error of a measurement and how it changes when the two poses are displaced, each by a tangent
 /// of its own: error(x ⊕ a, y ⊕ b) ≈ error + from·a + to·b.
@@ -46,6 +46,12 @@ pub trait Group<const D: usize>:
 
     /// `self` displaced by `tangent`.
     fn retract(&self, tangent: &SVector<f64, D>) -> Self;
+
+    /// The tangent δ with `self` ⊕ δ = `other`; rotations by up to half a turn.
+    fn local(&self, other: &Self) -> SVector<f64, D>;
+
+    /// How [`local`](Group::local) changes with the tangent of `other`, where it is `tangent`.
+    fn local_derivative(tangent: &SVector<f64, D>) -> SMatrix<f64, D, D>;
 
     /// How far `poses` x and y contradict the measurement z ≈ x⁻¹ y, as g2o counts it, so that costs
     /// of the same file agree: the translation and rotation of z⁻¹ x⁻¹ y. In the plane the rotation is an
@@ -148,6 +154,16 @@ impl Group<3> for Se2 {
         self.compose(&Self::new(tangent[0], tangent[1], tangent[2]))
     }
 
+    fn local(&self, other: &Self) -> SVector<f64, 3> {
+        let step = self.between(other);
+        SVector::<f64, 3>::new(step.translation.x, step.translation.y, step.angle)
+    }
+
+    fn local_derivative(tangent: &SVector<f64, 3>) -> Matrix3<f64> {
+        let (sin, cos) = tangent[2].sin_cos();
+        Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0)
+    }
+
     fn error(from: &Self, to: &Self, measured: &Self) -> SVector<f64, 3> {
         let error = measured.between(&from.between(to));
         SVector::<f64, 3>::new(error.translation.x, error.translation.y, error.angle)
@@ -218,6 +234,29 @@ impl Group<6> for Se3 {
             translation: self.translation + self.rotation * tangent.fixed_rows::<3>(0).into_owned(),
             rotation,
         }
+    }
+
+    fn local(&self, other: &Self) -> SVector<f64, 6> {
+        let step = self.between(other);
+        let (t, r) = (step.translation, step.rotation.scaled_axis());
+        SVector::<f64, 6>::new(t.x, t.y, t.z, r.x, r.y, r.z)
+    }
+
+    fn local_derivative(tangent: &SVector<f64, 6>) -> SMatrix<f64, 6, 6> {
+        let r = tangent.fixed_rows::<3>(3).into_owned();
+        let (angle, cross) = (r.norm(), r.cross_matrix());
+        // The inverse of the right Jacobian of SO(3): 1 + ½[r] + (1/θ² − (1 + cos θ)/(2θ sin θ))[r]².
+        let square = if angle < 1e-4 {
+            1.0 / 12.0
+        } else {
+            (1.0 - 0.5 * angle / (0.5 * angle).tan()) / (angle * angle)
+        };
+        let turn = UnitQuaternion::from_scaled_axis(r).to_rotation_matrix().into_inner();
+        let bend = Matrix3::identity() + cross * 0.5 + cross * cross * square;
+        let mut derivative = SMatrix::<f64, 6, 6>::zeros();
+        derivative.fixed_view_mut::<3, 3>(0, 0).copy_from(&turn);
+        derivative.fixed_view_mut::<3, 3>(3, 3).copy_from(&bend);
+        derivative
     }
 
     fn error(from: &Self, to: &Self, measured: &Self) -> SVector<f64, 6> {
@@ -307,7 +346,26 @@ mod tests {
         Ok(())
     }
 
+    fn tangents<G: Group<D>, const D: usize>(x: G, y: G) -> Result<(), TestCaseError> {
+        let tangent = x.local(&y);
+        prop_assert!(G::error(&x.retract(&tangent), &y, &G::identity()).norm() < 1e-9);
+        let (h, exact) = (1e-6, G::local_derivative(&tangent));
+        for i in 0..D {
+            let step = SVector::<f64, D>::from_fn(|r, _| if r == i { h } else { 0.0 });
+            let slope = (x.local(&y.retract(&step)) - x.local(&y.retract(&-step))) / (2.0 * h);
+            prop_assert!((slope - exact.column(i)).norm() < 1e-6, "{i}: {slope} {exact}");
+        }
+        Ok(())
+    }
+
     proptest! {
+        #[test]
+        fn tangents_lead_from_pose_to_pose((x, y) in (se2(), se2()), (a, b) in (se3(), se3())) {
+            prop_assume!(x.local(&y)[2].abs() < 3.14 && a.local(&b).fixed_rows::<3>(3).norm() < 3.1);
+            tangents(x, y)?;
+            tangents(a, b)?;
+        }
+
         #[test]
         fn derivatives_are_those_of_the_error(
             (x, y, z) in (se2(), se2(), se2()), (a, b, c) in (se3(), se3(), se3()),

@@ -18,7 +18,9 @@ pub mod gnc;
 #[cfg(test)]
 pub(crate) mod grid;
 pub mod group;
+pub mod incremental;
 pub mod kernel;
+pub mod marginals;
 mod normal;
 pub mod odometry;
 pub mod optimizer;
@@ -29,6 +31,8 @@ pub mod start;
 pub use error::Error;
 pub use group::{Group, Linearised, Se2, Se3};
 pub use kernel::Kernel;
+pub use incremental::{FixedLag, Incremental};
+pub use marginals::{Marginals, marginals};
 pub use optimizer::{Iteration, Method, Optimizer, Options, Stop, Summary, optimize};
 pub use rigid::Rigid;
 pub use start::Start;
@@ -89,3 +93,6 @@ impl<G: Group<D>, const D: usize> Edge<G, D> {
         error.dot(&(self.information * error))
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -33,7 +33,7 @@ pub struct Options {
     pub max_iterations: usize,
     /// Converged when the linearised cost promises to fall by no more than this share of the cost,
     /// gᵀ H⁻¹ g ≤ tolerance · cost, and that last step is taken too: what is left then is smaller by
-    /// some orders of magnitude again.
+    /// some orders of magnitude again. A promise that rounding could make counts as none.
     pub tolerance: f64,
 }
 
@@ -234,7 +234,22 @@ impl<const D: usize> Optimizer<D> {
         })
     }
 
-    fn check<G: Group<D>>(
+    /// The factor of the matrix at the graph's poses.
+    pub(super) fn factorise_at<G: Group<D>>(
+        &mut self,
+        graph: &PoseGraph<G, D>,
+        cost: Cost,
+    ) -> Result<(), Error> {
+        let measured: Vec<_> = graph.edges.iter().map(|e| e.measured.frame()).collect();
+        let frames: Vec<_> = graph.poses.iter().map(G::frame).collect();
+        self.normal.linearise(&self.layout, graph, &measured, &frames, cost, false);
+        let Self { layout, normal, factor, .. } = self;
+        factor
+            .factorise(&layout.structure, &normal.matrix, 0.0)
+            .map_err(|at| unconstrained(layout, graph, at))
+    }
+
+    pub(super) fn check<G: Group<D>>(
         &self,
         graph: &PoseGraph<G, D>,
         weights: Option<&[f64]>,
@@ -338,9 +353,24 @@ impl<G: Group<D>, const D: usize> Search<'_, G, D> {
         }
     }
 
-    fn unconstrained(&self, NotPositive { position, row }: NotPositive) -> Error {
-        let pose = self.solver.layout.pose[position] as usize;
-        Error::Unconstrained { id: self.graph.ids[pose], component: row }
+    /// Whether a step is not worth taking for what it promises: little of the cost, or no more than
+    /// rounding the poses to double precision costs.
+    fn negligible(&self, promised: f64, cost: f64, poses: &[G]) -> bool {
+        if promised <= self.options.tolerance * cost {
+            return true;
+        }
+        // Rounding costs less than this in any graph that is solved at all.
+        if promised > 1e-6 {
+            return false;
+        }
+        let size = |pose: &G| G::identity().local(pose).norm();
+        let rounding = poses.iter().map(size).fold(1.0, f64::max) * 8.0 * f64::EPSILON;
+        let information = self.graph.edges.iter().map(|e| e.information.trace()).sum::<f64>();
+        promised <= information * rounding * rounding
+    }
+
+    fn unconstrained(&self, at: NotPositive) -> Error {
+        unconstrained(&self.solver.layout, self.graph, at)
     }
 
     /// The cost at the start, which must be finite.
@@ -381,7 +411,7 @@ impl<G: Group<D>, const D: usize> Search<'_, G, D> {
                 reuse = None;
                 continue;
             }
-            if promised <= self.options.tolerance * cost {
+            if self.negligible(promised, cost, poses) {
                 // Nearly there: the last step is taken if it keeps its promise.
                 self.displace(poses, &step, 1.0);
                 let reached = self.cost.total(self.graph, &self.trial);
@@ -448,7 +478,7 @@ impl<G: Group<D>, const D: usize> Search<'_, G, D> {
             let trial = std::mem::take(&mut self.trial);
             let reached = self.cost.total(self.graph, &trial);
             self.trial = trial;
-            let close = promised <= self.options.tolerance * cost;
+            let close = self.negligible(promised, cost, poses);
             if reached <= cost * (1.0 + if close { 0.0 } else { ROUNDING }) {
                 std::mem::swap(poses, &mut self.trial);
                 self.report(reached, promised, cost - reached, damping);
@@ -491,7 +521,7 @@ impl<G: Group<D>, const D: usize> Search<'_, G, D> {
         while self.steps.len() < self.options.max_iterations {
             self.factorise(0.0).map_err(|at| self.unconstrained(at))?;
             let (newton, promise) = self.solve();
-            let close = promise <= self.options.tolerance * cost;
+            let close = self.negligible(promise, cost, poses);
             let newton_length = self.diagonal(&newton).sqrt();
             // Steepest descent in that measure: h = diag(H)⁻¹ g, as far as the linearised cost falls.
             let mut descent = self.solver.normal.gradient.clone();
@@ -565,6 +595,14 @@ impl<G: Group<D>, const D: usize> Search<'_, G, D> {
         let share = if aw > 0.0 { rest / (aw + root) } else { (root - aw) / ww };
         inner.iter().zip(&way).map(|(a, w)| a + share * w).collect()
     }
+}
+
+fn unconstrained<G, const D: usize>(
+    layout: &Layout,
+    graph: &PoseGraph<G, D>,
+    NotPositive { position, row }: NotPositive,
+) -> Error {
+    Error::Unconstrained { id: graph.ids[layout.pose[position] as usize], component: row }
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

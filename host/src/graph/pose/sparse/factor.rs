@@ -15,7 +15,7 @@ pub struct NotPositive {
 }
 
 /// A pivot less than this share of its diagonal element is rounding error.
-const DEPENDENT: f64 = 1e-14;
+const DEPENDENT: f64 = 2e-15;
 
 /// L with L Lᵀ = A, for a matrix of B × B blocks. Memory is kept from one matrix to the next.
 #[derive(Clone, Debug)]
@@ -95,6 +95,11 @@ impl<const B: usize> Factor<B> {
     /// Replaces `x`, a vector by position, by A⁻¹ x.
     pub fn solve(&self, structure: &Structure, x: &mut [f64]) {
         run_with(Instructions::Avx2, Solve { factor: self, structure, x });
+    }
+
+    /// The columns of supernode `at`, as [`front`] lays them out.
+    pub(super) fn panel(&self, at: usize) -> &[f64] {
+        &self.panels[self.starts[at]..self.starts[at + 1]]
     }
 
     fn assemble(
@@ -229,7 +234,7 @@ impl<const B: usize> Work for Solve<'_, B> {
         for (at, node) in structure.nodes.iter().enumerate() {
             let (columns, rows) = (node.columns * B, node.rows.len() * B);
             let stride = stride(columns, rows);
-            let panel = &factor.panels[factor.starts[at]..factor.starts[at + 1]];
+            let panel = factor.panel(at);
             let range = node.first * B..node.first * B + columns;
             let reciprocals = &factor.reciprocals[range.clone()];
             let own = &mut x[range];
@@ -256,7 +261,7 @@ impl<const B: usize> Work for Solve<'_, B> {
         for (at, node) in structure.nodes.iter().enumerate().rev() {
             let (columns, rows) = (node.columns * B, node.rows.len() * B);
             let stride = stride(columns, rows);
-            let panel = &factor.panels[factor.starts[at]..factor.starts[at + 1]];
+            let panel = factor.panel(at);
             let gathered = &mut gathered[..rows];
             let blocks = gathered.chunks_exact_mut(B).zip(&structure.rows[node.rows.clone()]);
             for (block, &row) in blocks {

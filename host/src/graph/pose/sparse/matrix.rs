@@ -1,6 +1,6 @@
 //! The numbers of a sparse symmetric matrix of blocks.
 
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, SVector};
 
 use super::Structure;
 
@@ -26,18 +26,29 @@ impl<const B: usize> BlockMatrix<B> {
         self.below.fill(SMatrix::zeros());
     }
 
-    /// xᵀ A x, for x by position.
-    pub fn quadratic(&self, structure: &Structure, x: &[f64]) -> f64 {
-        let at = |i: usize| nalgebra::SVector::<f64, B>::from_column_slice(&x[i * B..(i + 1) * B]);
-        let mut sum = 0.0;
+    /// A x, for x by position.
+    pub fn times(&self, structure: &Structure, x: &[f64]) -> Vec<f64> {
+        let at = |i: usize| SVector::<f64, B>::from_column_slice(&x[i * B..(i + 1) * B]);
+        let mut product = vec![0.0; x.len()];
+        let mut add = |i: usize, own: SVector<f64, B>| {
+            for (sum, x) in product[i * B..(i + 1) * B].iter_mut().zip(own.iter()) {
+                *sum += x;
+            }
+        };
         for (column, block) in self.diagonal.iter().enumerate() {
             let right = at(column);
-            sum += right.dot(&(block * right));
+            add(column, block * right);
             for slot in structure.starts[column]..structure.starts[column + 1] {
-                let left = at(structure.below[slot] as usize);
-                sum += 2.0 * left.dot(&(self.below[slot] * right));
+                let row = structure.below[slot] as usize;
+                add(row, self.below[slot] * right);
+                add(column, self.below[slot].tr_mul(&at(row)));
             }
         }
-        sum
+        product
+    }
+
+    /// xᵀ A x, for x by position.
+    pub fn quadratic(&self, structure: &Structure, x: &[f64]) -> f64 {
+        self.times(structure, x).iter().zip(x).map(|(a, x)| a * x).sum()
     }
 }

@@ -8,10 +8,12 @@
 
 mod factor;
 mod front;
+mod inverse;
 mod matrix;
 mod structure;
 
 pub use factor::{Factor, NotPositive};
+pub use inverse::SelectedInverse;
 pub use matrix::BlockMatrix;
 pub use structure::{Structure, TooDense};
 

@@ -63,6 +63,20 @@ fn solves<const B: usize>(blocks: usize, pairs: &[(usize, usize)], seed: u64) {
         let difference = (DVector::from_vec(x.clone()) - &expected).norm();
         assert!(difference < 1e-9 * (1.0 + expected.norm()), "{difference}");
     }
+    factor.factorise(&structure, &matrix, 0.0).unwrap();
+    let selected = SelectedInverse::new(&structure, &factor);
+    let inverse = dense.clone().cholesky().unwrap().inverse();
+    for row in 0..blocks {
+        for column in 0..blocks {
+            let exact = inverse.view((row * B, column * B), (B, B));
+            let needed =
+                row == column || structure.slot(row.max(column), row.min(column)).is_some();
+            match selected.block(&structure, row, column) {
+                Some(block) => assert!((block - exact).norm() < 1e-9 * (1.0 + inverse.norm())),
+                None => assert!(!needed, "{row} {column}"),
+            }
+        }
+    }
     let x = DVector::from_fn(blocks * B, |_, _| numbers.next().unwrap());
     let quadratic = matrix.quadratic(&structure, x.as_slice());
     let expected = x.dot(&(&dense * &x));
