@@ -1,12 +1,12 @@
 //! `tactile explore`: a simulated hand decides where to touch.
 
-use std::io::IsTerminal;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use serde_json::{Map, Value, json};
 
-use super::{Error, progress, say};
+use super::Error;
+use super::terminal::{Progress, note, say, tell, tell_report};
 use crate::explore::{self, Candidates, Criterion, Episode, Until};
 use crate::graph;
 use crate::quantity::{self, Deviation};
@@ -117,17 +117,16 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         most_actions: args.max_actions,
         seed: args.seed,
     };
-    let shown = !args.json && std::io::stderr().is_terminal();
     let mut number = 0;
     let episode = explore::explore(&mut bench, &settings, |action| {
         number += 1;
-        if shown {
+        if !args.json {
             let gain = action.gain.map_or(String::new(), |g| format!(", promised {g:.2}"));
-            eprintln!(
+            note(format_args!(
                 "action {number}: {} contacts, {:.0} % known{gain}",
                 action.contacts,
                 100.0 * action.known
-            );
+            ));
         }
     })
     .map_err(Error::failure)?;
@@ -142,15 +141,15 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         let result = result(&settings, &episode, report);
         say(serde_json::to_string_pretty(&result).map_err(Error::failure)?);
     } else {
-        say(format_args!(
+        tell(format_args!(
             "{} after {} actions ({} until {})",
             if episode.reached { "known" } else { "not known" },
             episode.actions.len(),
             name(args.criterion),
             args.until
         ));
-        say(outcome.report.to_string().trim_end());
-        say(format!("results in {}", args.out.display()));
+        tell_report(&outcome.report);
+        tell(format!("results in {}", args.out.display()));
     }
     Ok(())
 }
@@ -162,13 +161,14 @@ fn finish(
     episode: &Episode,
 ) -> Result<Outcome, Error> {
     let log = bench.log();
+    let progress = Progress::new("surface", "local experts");
     let provenance = Provenance {
         title: &log.description,
         tracker: settings.tracker.map_or("known poses", Kind::name),
         surface: Choice::Auto,
         tracking_seconds: 0.0,
         graph: None,
-        progress: &progress,
+        progress: &|done, all| progress.at(done, all),
     };
     let truth: Option<&Geometry> = Some(bench.geometry());
     conclude(log, truth, episode.steps.clone(), provenance).map_err(Error::failure)

@@ -11,7 +11,8 @@ use clap::{Args, ValueEnum};
 
 use self::robust::Robust;
 use self::told::Told;
-use crate::cli::{Error, say};
+use crate::cli::Error;
+use crate::cli::terminal::{say, tell};
 use crate::graph::pose::certificate::{Certificate, certify};
 use crate::graph::pose::diagnosis::{Diagnosis, Fit};
 use crate::graph::pose::g2o::{self, G2o, Graph};
@@ -139,9 +140,9 @@ pub fn run(args: &OptimizeArgs) -> Result<(), Error> {
     if args.json {
         say(serde_json::to_string_pretty(&told.json()).map_err(Error::failure)?);
     } else {
-        say(told.text());
+        tell(told.text());
         if let Some(out) = &args.out {
-            say(format!("graph with its new poses in {}", out.display()));
+            tell(format!("graph with its new poses in {}", out.display()));
         }
     }
     Ok(())

@@ -78,7 +78,7 @@ pub fn optimize_globally<G: Rigid<D, N>, const D: usize, const N: usize>(
         // Gauss–Newton is for starts that are near.
         let method =
             if start == Start::Chordal { options.method } else { Method::LevenbergMarquardt };
-        let mut descend = || {
+        let descend = || {
             graph.poses = poses?;
             let summary = optimizer.optimize(graph, &Options { method, ..*options })?;
             Ok::<_, Error>(Optimum { start, certificate: certify(graph)?, summary })

@@ -30,8 +30,8 @@ pub mod start;
 
 pub use error::Error;
 pub use group::{Group, Linearised, Se2, Se3};
-pub use kernel::Kernel;
 pub use incremental::{FixedLag, Incremental};
+pub use kernel::Kernel;
 pub use marginals::{Marginals, marginals};
 pub use optimizer::{Iteration, Method, Optimizer, Options, Stop, Summary, optimize};
 pub use rigid::Rigid;
