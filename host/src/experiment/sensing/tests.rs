@@ -174,7 +174,7 @@ fn electrodes_agree_with_double_precision() {
         let prior = f64::from(settings.centroid).powi(-2);
         let mut normal = Matrix3::from_diagonal(&Point::new(0.0, prior, prior));
         let mut right = Point::zeros();
-        for (at, change, noise) in used.iter().filter(|u| u.1 > 0.1 * largest) {
+        for (at, change, noise) in used.iter().filter(|u| u.1 > 0.04 * largest) {
             let away = at - foot;
             let square = footprint * footprint;
             let row = Point::new(1.0, u.dot(&away) / square, v.dot(&away) / square);
