@@ -1,13 +1,15 @@
-//! What a run leaves behind: `report.json`, the shape, the trajectory and a picture.
+//! What a run leaves behind: `report.json`, the shape, the trajectory, its pose graph and a picture.
 
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use crate::graph::pose::g2o::{self, Graph};
 use crate::log::{GraspLog, TrueShape};
 use crate::shape::files::{self, FileError};
 use crate::shape::{Geometry, Outline, ShapeError, metrics};
 use crate::slam::choose::Choice;
+use crate::slam::odometry_graph::odometry_graph;
 use crate::slam::reconstruct::{self, Progress, Reconstruction, reconstruct};
 use crate::slam::track::Step;
 use crate::view::report::{JudgedGrasp, Report, Run, gauge, pose_errors};
@@ -48,6 +50,8 @@ pub struct Outcome {
     pub reconstruction: Reconstruction,
     /// The poses.
     pub steps: Vec<Step>,
+    /// The poses and the motions between them.
+    pub graph: Graph,
     /// Everything the picture shows, in one frame.
     summary: Summary,
     /// Seconds of each grasp, or its number where the log has no times.
@@ -110,7 +114,8 @@ pub fn conclude(
     });
     let summary = summarise(provenance.title, &report, &grasps, &reconstruction, truth);
     let times = log.grasps.iter().map(|g| g.time.unwrap_or(g.index as f64)).collect();
-    Ok(Outcome { report, reconstruction, steps, summary, times })
+    let graph = odometry_graph(log, &steps);
+    Ok(Outcome { report, reconstruction, steps, graph, summary, times })
 }
 
 /// Log and poses side by side.
@@ -207,7 +212,7 @@ pub fn check_folder(folder: &Path) -> Result<(), WriteError> {
     {
         return refuse(above, "expected a folder for the results, found a file");
     }
-    for name in ["contour.csv", "shape.ply", "trajectory.tum", "summary.png", "report.json"] {
+    for name in ["contour.csv", "shape.ply", "trajectory.tum", "graph.g2o", "summary.png", "report.json"] {
         let path = folder.join(name);
         if path.is_dir() {
             return refuse(&path, "expected a file or nothing, found a folder");
@@ -222,8 +227,8 @@ impl Outcome {
         metrics::is_empty(&self.reconstruction.geometry)
     }
 
-    /// Writes `report.json`, `contour.csv` or `shape.ply`, `trajectory.tum` and `summary.png` into
-    /// `folder`, which is made if need be. Everything is computed before the first file appears, and
+    /// Writes `report.json`, `contour.csv` or `shape.ply`, `trajectory.tum`, `graph.g2o` and `summary.png`
+    /// into `folder`, which is made if need be. Everything is computed before the first file appears, and
     /// each file appears whole.
     ///
     /// # Errors
@@ -249,6 +254,9 @@ impl Outcome {
         let path = folder.join("trajectory.tum");
         let poses: Vec<_> = self.steps.iter().map(|s| s.pose).collect();
         trajectory::write_tum(&path, &self.times, &poses).map_err(WriteError::at(&path))?;
+        let path = folder.join("graph.g2o");
+        crate::log::write::write_atomically(&path, |out| g2o::write_to(out, &self.graph))
+            .map_err(WriteError::at(&path))?;
         let path = folder.join("summary.png");
         crate::log::write::write_atomically(&path, |out| out.write_all(&picture))
             .map_err(WriteError::at(&path))?;
