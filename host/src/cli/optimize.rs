@@ -1,22 +1,22 @@
 //! `tactile optimize`: a pose graph in, its best poses out.
 
 mod robust;
+mod solve;
 mod told;
 
-use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 
 use self::robust::Robust;
+use self::solve::solve;
 use self::told::Told;
 use crate::cli::Error;
 use crate::cli::terminal::{say, tell};
-use crate::graph::pose::certificate::{Certificate, certify};
-use crate::graph::pose::diagnosis::{Diagnosis, Fit};
+use crate::graph::pose::diagnosis::Diagnosis;
 use crate::graph::pose::g2o::{self, G2o, Graph};
-use crate::graph::pose::{Iteration, Method, Optimizer, Options, PoseGraph, Rigid, Start, Summary};
+use crate::graph::pose::{Method, Start};
 
 /// Find the best poses of a pose graph (.g2o, 2D or 3D).
 ///
@@ -25,7 +25,7 @@ use crate::graph::pose::{Iteration, Method, Optimizer, Options, PoseGraph, Rigid
 /// information that makes no sense, edges that disagree.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:\n  tactile optimize sphere2500.g2o -o optimized.g2o\n  tactile optimize outliers.g2o --robust gnc --json"
+    after_help = "Example:\n  tactile optimize sphere2500.g2o -o optimized.g2o\n  tactile optimize outliers.g2o --robust dcs --json"
 )]
 pub struct OptimizeArgs {
     /// The graph: VERTEX_SE2 and EDGE_SE2 or VERTEX_SE3:QUAT and EDGE_SE3:QUAT, and FIX; edges alone will
@@ -35,9 +35,9 @@ pub struct OptimizeArgs {
     /// Where to write the graph with its new poses
     #[arg(short, long, value_name = "OUT.g2o")]
     out: Option<PathBuf>,
-    /// What wrong edges may cost: none (no edge is wrong), huber, cauchy, geman-mcclure, tukey, dcs, or
-    /// gnc (wrong edges are found and left out); with :K, an edge counts less from an error of K standard
-    /// deviations on [default of K: what 5 % of good edges exceed]
+    /// What wrong edges may cost: none (no edge is wrong), huber, cauchy, geman-mcclure, tukey or dcs; with
+    /// :K, an edge counts less from an error of K standard deviations on [default of K: what 5 % of good
+    /// edges exceed]
     #[arg(long, value_name = "KIND[:K]", default_value = "none")]
     robust: Robust,
     /// Where to start [default: the file's poses if they fit their measurements already, else the
@@ -76,23 +76,6 @@ impl From<Descent> for Method {
     }
 }
 
-/// What was found for a graph.
-struct Solved {
-    /// χ² at the file's poses, of edges alone at the odometry's.
-    initial_chi2: f64,
-    start: Start,
-    start_chi2: f64,
-    summary: Summary,
-    /// Initial values and descent.
-    seconds: f64,
-    /// `None` where edges were weighed: then χ² is not what was minimised.
-    certificate: Option<Certificate>,
-    fit: Fit,
-}
-
-/// How many of the edges that disagree most are shown.
-const WORST: usize = 5;
-
 /// Runs the subcommand.
 ///
 /// # Errors
@@ -130,7 +113,7 @@ pub fn run(args: &OptimizeArgs) -> Result<(), Error> {
         Graph::Planar(graph) => solve(graph, *has_poses, args),
         Graph::Spatial(graph) => solve(graph, *has_poses, args),
     }?;
-    for remark in solved.fit.remarks() {
+    for remark in solved.remarks() {
         eprintln!("warning: {name}: {remark}");
     }
     if let Some(out) = &args.out {
@@ -157,70 +140,4 @@ fn writable(out: &Path) -> Result<(), Error> {
         () => return Ok(()),
     };
     Err(Error::Input(format!("{}: cannot write: {problem}", out.display())))
-}
-
-fn solve<G: Rigid<D, N>, const D: usize, const N: usize>(
-    graph: &mut PoseGraph<G, D>,
-    has_poses: bool,
-    args: &OptimizeArgs,
-) -> Result<Solved, Error> {
-    let input =
-        |error: &dyn std::fmt::Display| Error::Input(format!("{}: {error}", args.graph.display()));
-    if !has_poses {
-        Start::Odometry.place(graph).map_err(|e| input(&e))?;
-    }
-    let initial_chi2 = graph.chi2();
-    let clock = Instant::now();
-    let start = match args.init {
-        Some(start) => {
-            start.place(graph).map_err(|e| input(&e))?;
-            start
-        }
-        None => match Start::best(graph) {
-            Start::File if !has_poses => Start::Odometry,
-            start => start,
-        },
-    };
-    let start_chi2 = graph.chi2();
-    let options = Options {
-        method: args.method.into(),
-        kernel: args.robust.kernel(D),
-        max_iterations: args.iterations,
-        ..Options::default()
-    };
-    let mut progress = Progress::default();
-    let summary = Optimizer::new(graph)
-        .and_then(|mut optimizer| {
-            optimizer.optimize_weighted(graph, None, &options, &mut |step| progress.show(step))
-        })
-        .map_err(|e| input(&e))?;
-    let seconds = clock.elapsed().as_secs_f64();
-    progress.wipe();
-    let plain = args.robust.is_none();
-    let certificate = plain.then(|| certify(graph)).transpose().map_err(|e| input(&e))?;
-    let fit = Fit::of(graph, WORST);
-    Ok(Solved { initial_chi2, start, start_chi2, summary, seconds, certificate, fit })
-}
-
-/// One line on standard error that says how far the descent is, if somebody is looking.
-#[derive(Default)]
-struct Progress {
-    width: usize,
-}
-
-impl Progress {
-    fn show(&mut self, step: &Iteration) {
-        if std::io::stderr().is_terminal() {
-            let line = format!("iteration {}: cost {:.6e}", step.number + 1, step.cost);
-            let _ = write!(std::io::stderr(), "\r{line:<width$}", width = self.width);
-            self.width = line.len();
-        }
-    }
-
-    fn wipe(&mut self) {
-        if self.width > 0 {
-            let _ = write!(std::io::stderr(), "\r{:width$}\r", "", width = self.width);
-            self.width = 0;
-        }
-    }
 }

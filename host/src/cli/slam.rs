@@ -18,8 +18,8 @@ use crate::slam::{reconstruct, track};
 
 /// Reconstruct an object and its poses from a grasp log.
 ///
-/// Writes report.json, contour.csv (2D) or shape.ply (3D), trajectory.tum, summary.png, replay.html (a
-/// moving scene for any browser) and replay.mcap (for Foxglove, Rerun and RViz).
+/// Writes report.json, contour.csv (2D) or shape.ply (3D), trajectory.tum, graph.g2o, summary.png,
+/// replay.html (a moving scene for any browser) and replay.mcap (for Foxglove, Rerun and RViz).
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example:\n  tactile simulate --object ellipse:0.12x0.06 --seed 3 -o ellipse.jsonl\n  tactile slam ellipse.jsonl --out ellipse"

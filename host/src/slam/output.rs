@@ -1,14 +1,16 @@
-//! What a run leaves behind: `report.json`, the shape, the trajectory and a picture.
+//! What a run leaves behind: `report.json`, the shape, the trajectory, its pose graph and a picture.
 
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use crate::graph::pose::g2o::{self, Graph};
 use crate::log::{GraspLog, TrueShape};
 use crate::shape::files::{self, FileError, Plain};
 use crate::shape::{Geometry, Outline, ShapeError, metrics};
 use crate::slam::Progress;
 use crate::slam::choose::Choice;
+use crate::slam::odometry_graph::odometry_graph;
 use crate::slam::reconstruct::{self, Reconstruction, reconstruct};
 use crate::slam::replay;
 use crate::slam::track::Step;
@@ -50,6 +52,8 @@ pub struct Outcome {
     pub reconstruction: Reconstruction,
     /// The poses.
     pub steps: Vec<Step>,
+    /// The poses and the motions between them.
+    pub graph: Graph,
     /// Everything the picture shows, in one frame.
     summary: Summary,
     /// Seconds of each grasp, or its number where the log has no times.
@@ -112,7 +116,8 @@ pub fn conclude(
     });
     let summary = summarise(provenance.title, &report, &grasps, &reconstruction, truth);
     let times = log.grasps.iter().map(|g| g.time.unwrap_or(g.index as f64)).collect();
-    Ok(Outcome { report, reconstruction, steps, summary, times })
+    let graph = odometry_graph(log, &steps);
+    Ok(Outcome { report, reconstruction, steps, graph, summary, times })
 }
 
 /// Log and poses side by side.
@@ -215,6 +220,7 @@ pub fn check_folder(folder: &Path) -> Result<(), WriteError> {
         "shape.stl",
         "shape.obj",
         "trajectory.tum",
+        "graph.g2o",
         "replay.mcap",
         "replay.html",
         "summary.png",
@@ -256,8 +262,8 @@ impl Outcome {
         Ok(files::write_plain(&path, mesh, format)?)
     }
 
-    /// Writes `report.json`, `contour.csv` or `shape.ply`, `trajectory.tum`, `replay.mcap`,
-    /// `replay.html` and `summary.png` into `folder`, which is made if need be. Everything is computed
+    /// Writes `report.json`, `contour.csv` or `shape.ply`, `trajectory.tum`, `graph.g2o`,
+    /// `replay.mcap`, `replay.html` and `summary.png` into `folder`, which is made if need be. Everything is computed
     /// before the first file appears, and each file appears whole. `log` and `truth` are those it was
     /// concluded from.
     ///
@@ -290,6 +296,9 @@ impl Outcome {
         let path = folder.join("trajectory.tum");
         let poses: Vec<_> = self.steps.iter().map(|s| s.pose).collect();
         trajectory::write_tum(&path, &self.times, &poses).map_err(WriteError::at(&path))?;
+        let path = folder.join("graph.g2o");
+        crate::log::write::write_atomically(&path, |out| g2o::write_to(out, &self.graph))
+            .map_err(WriteError::at(&path))?;
         let path = folder.join("replay.mcap");
         let steps: Vec<_> = self.steps.iter().cloned().map(Some).collect();
         let contents = mcap::Contents {

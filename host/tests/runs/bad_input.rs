@@ -225,7 +225,9 @@ fn what_cannot_be_written_is_named_and_nothing_else_is_written() {
         }
     }
     // A folder where one of the results would be: not even the others are written.
-    for name in ["report.json", "contour.csv", "trajectory.tum", "summary.png", "replay.mcap"] {
+    for name in
+        ["report.json", "contour.csv", "trajectory.tum", "graph.g2o", "summary.png", "replay.mcap"]
+    {
         std::fs::create_dir_all(place.at("r").join(name)).unwrap();
         place.tactile("slam good.jsonl --out r").refused(&[name, "found a folder"]);
         std::fs::remove_dir_all(place.at("r")).unwrap();

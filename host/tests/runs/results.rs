@@ -81,6 +81,10 @@ fn results(place: &Place, folder: &str, printed: &Value) -> Value {
         let length = numbers[4..].iter().map(|n| n * n).sum::<f64>();
         assert!((length - 1.0).abs() < 1e-6, "{pose}");
     }
+    let graph = std::fs::read_to_string(at("graph.g2o")).unwrap();
+    let count = |kind: &str| graph.lines().filter(|line| line.starts_with(kind)).count();
+    assert_eq!([count("VERTEX_SE"), count("EDGE_SE"), count("FIX")], [grasps, grasps - 1, 1]);
+
     let picture = std::fs::read(at("summary.png")).unwrap();
     assert!(picture.starts_with(b"\x89PNG\r\n") && picture.len() > 10_000);
     if report["dimension"] == 2 {

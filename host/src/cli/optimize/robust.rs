@@ -37,7 +37,7 @@ impl FromStr for Robust {
             "tukey" => Kind::Tukey,
             "dcs" => Kind::Dcs,
             _ => {
-                return Err("expected none, huber, cauchy, geman-mcclure, tukey, dcs or gnc".into());
+                return Err("expected none, huber, cauchy, geman-mcclure, tukey or dcs".into());
             }
         };
         let width = match width {

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::Solved;
+use super::solve::Solved;
 use crate::graph::pose::certificate::Certificate;
 use crate::graph::pose::diagnosis::Diagnosis;
 use crate::graph::pose::g2o::{G2o, Graph};
@@ -58,15 +58,15 @@ impl Told<'_> {
         let skipped = file.skipped.iter();
         json!({
             "initial_chi2": solved.initial_chi2,
-            "final_chi2": solved.summary.final_chi2,
-            "iterations": solved.summary.iterations(),
+            "final_chi2": solved.final_chi2,
+            "iterations": solved.iterations,
             "seconds": solved.seconds,
             "certified": self.is_certified(),
             "lower_bound": solved.certificate.map(|c| c.lower_bound()),
-            "converged": solved.summary.converged(),
+            "converged": solved.converged,
             "start": solved.start.name(),
             "start_chi2": solved.start_chi2,
-            "final_cost": solved.summary.final_cost,
+            "final_cost": solved.final_cost,
             "degrees_of_freedom": solved.fit.degrees,
             "reading_seconds": reading,
             "dimension": self.dimension(),
@@ -74,7 +74,7 @@ impl Told<'_> {
             "edges": diagnosis.edges,
             "improbable_edges": solved.fit.improbable,
             "worst_edges": solved.fit.worst,
-            "remarks": diagnosis.remarks().into_iter().chain(solved.fit.remarks()).collect::<Vec<_>>(),
+            "remarks": diagnosis.remarks().into_iter().chain(solved.remarks()).collect::<Vec<_>>(),
             "parts": diagnosis.parts.iter().map(|part| json!({
                 "poses": part.ids.len(),
                 "first": part.ids.first(),
@@ -91,7 +91,6 @@ impl Told<'_> {
     /// For people.
     pub fn text(&self) -> String {
         let Told { diagnosis, solved, reading, .. } = self;
-        let summary = &solved.summary;
         let mut lines = vec![format!(
             "{} poses, {} edges in {} dimensions, read in {reading:.3} s",
             diagnosis.poses,
@@ -106,12 +105,10 @@ impl Told<'_> {
         if solved.start_chi2 != solved.initial_chi2 {
             lines.push(format!("χ² {:.6} at the {} start", solved.start_chi2, solved.start.name()));
         }
-        let end = if summary.converged() { "" } else { ", not converged" };
+        let end = if solved.converged { "" } else { ", not converged" };
         lines.push(format!(
             "χ² {:.6} after {} iterations, {:.4} s{end}",
-            summary.final_chi2,
-            summary.iterations(),
-            solved.seconds
+            solved.final_chi2, solved.iterations, solved.seconds
         ));
         if let Some(ratio) = solved.fit.per_degree() {
             lines.push(format!("{ratio:.3} per degree of freedom ({})", solved.fit.degrees));

@@ -220,7 +220,7 @@ fn listed(ids: &[u64]) -> String {
 
 impl<G: Group<D>, const D: usize> PoseGraph<G, D> {
     /// An edge, by the names of its poses.
-    fn name(&self, edge: usize) -> Name {
+    pub(crate) fn name(&self, edge: usize) -> Name {
         let Edge { from, to, .. } = self.edges[edge];
         Name { edge, from: self.ids[from], to: self.ids[to] }
     }
