@@ -25,7 +25,7 @@ use crate::graph::pose::{Method, Start};
 /// information that makes no sense, edges that disagree.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:\n  tactile optimize sphere2500.g2o -o optimized.g2o\n  tactile optimize outliers.g2o --robust dcs --json"
+    after_help = "Example:\n  tactile optimize sphere2500.g2o -o optimized.g2o\n  tactile optimize outliers.g2o --robust gnc --json"
 )]
 pub struct OptimizeArgs {
     /// The graph: VERTEX_SE2 and EDGE_SE2 or VERTEX_SE3:QUAT and EDGE_SE3:QUAT, and FIX; edges alone will
@@ -35,9 +35,9 @@ pub struct OptimizeArgs {
     /// Where to write the graph with its new poses
     #[arg(short, long, value_name = "OUT.g2o")]
     out: Option<PathBuf>,
-    /// What wrong edges may cost: none (no edge is wrong), huber, cauchy, geman-mcclure, tukey or dcs; with
-    /// :K, an edge counts less from an error of K standard deviations on [default of K: what 5 % of good
-    /// edges exceed]
+    /// What wrong edges may cost: none (no edge is wrong), huber, cauchy, geman-mcclure, tukey, dcs, or
+    /// gnc (wrong edges are found and left out); with :K, an edge counts less from an error of K standard
+    /// deviations on [default of K: what 5 % of good edges exceed]
     #[arg(long, value_name = "KIND[:K]", default_value = "none")]
     robust: Robust,
     /// Where to start [default: the file's poses if they fit their measurements already, else the
@@ -93,6 +93,9 @@ pub fn run(args: &OptimizeArgs) -> Result<(), Error> {
     }
     if args.init == Some(Start::File) && !file.has_poses {
         return Err(Error::Input(format!("--init file: {name} has edges alone, no poses")));
+    }
+    if args.init.is_some() && args.robust.is_gnc() {
+        return Err(Error::Input("--init: --robust gnc chooses its starts itself".into()));
     }
     let diagnosis = match &file.graph {
         Graph::Planar(graph) => Diagnosis::of(graph),

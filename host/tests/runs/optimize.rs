@@ -27,6 +27,15 @@ fn ring(n: usize, extra: &str) -> String {
     text + "FIX 0\n" + extra
 }
 
+/// Closures between poses two and three steps apart, all in agreement.
+fn closures() -> String {
+    let mut text = String::new();
+    for k in [0, 1, 2, 5, 6, 7, 10, 11, 12, 15, 16, 17] {
+        writeln!(text, "EDGE_SE2 {} {} 2 0 0 100 0 0 100 0 400", 10 * k, 10 * (k + 2)).unwrap();
+    }
+    text
+}
+
 /// Numbers of the line that begins so.
 fn numbers(text: &str, start: &str) -> Vec<f64> {
     let line =
@@ -122,6 +131,25 @@ fn a_wrong_loop_is_named_and_robustness_ignores_it() {
         assert!(corner() < 0.5 * dragged, "{robust}: {} {json}", corner());
         assert_eq!(json["certified"], false);
     }
+}
+
+#[test]
+fn wrong_closures_are_left_out() {
+    let place = Place::new();
+    let wrong =
+        "EDGE_SE2 20 100 1 1 0 100 0 0 100 0 400\nEDGE_SE2 150 60 0 0 2 100 0 0 100 0 400\n";
+    place.put("wrong.g2o", ring(5, &(closures() + wrong)));
+    let json = place.tactile("optimize wrong.g2o -o out.g2o --robust gnc --json").done().json();
+    let outliers = json["outliers"].as_array().unwrap();
+    for (from, to) in [(20, 100), (150, 60)] {
+        assert!(outliers.iter().any(|o| o["from"] == from && o["to"] == to), "{json}");
+    }
+    assert!(json["final_cost"].as_f64().unwrap() < 1e-9, "{json}");
+    assert_eq!(json["certified"], true);
+    let text = std::fs::read_to_string(place.at("out.g2o")).unwrap();
+    let corner = numbers(&text, "VERTEX_SE2 100 ");
+    assert!((corner[0] - 6.0).hypot(corner[1] - 7.0) < 1e-5, "{corner:?}");
+    place.tactile("optimize wrong.g2o --robust gnc --init file").refused(&["--init: --robust gnc"]);
 }
 
 #[test]

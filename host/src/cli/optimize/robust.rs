@@ -19,6 +19,7 @@ enum Kind {
     GemanMcClure,
     Tukey,
     Dcs,
+    Gnc,
 }
 
 impl FromStr for Robust {
@@ -36,8 +37,9 @@ impl FromStr for Robust {
             "geman-mcclure" => Kind::GemanMcClure,
             "tukey" => Kind::Tukey,
             "dcs" => Kind::Dcs,
+            "gnc" => Kind::Gnc,
             _ => {
-                return Err("expected none, huber, cauchy, geman-mcclure, tukey or dcs".into());
+                return Err("expected none, huber, cauchy, geman-mcclure, tukey, dcs or gnc".into());
             }
         };
         let width = match width {
@@ -60,6 +62,16 @@ impl Robust {
         self.kind == Kind::None
     }
 
+    /// Whether wrong edges are looked for.
+    pub(super) fn is_gnc(self) -> bool {
+        self.kind == Kind::Gnc
+    }
+
+    /// The width, where one was given.
+    pub(super) fn width(self) -> Option<f64> {
+        self.width
+    }
+
     /// The kernel for errors of this many numbers.
     pub(super) fn kernel(self, degrees: usize) -> Kernel {
         // The square root of what 5 % of such sums of squares exceed. Beyond Tukey's width edges have no
@@ -70,7 +82,7 @@ impl Robust {
             _ => usual,
         });
         match self.kind {
-            Kind::None => Kernel::Identity,
+            Kind::None | Kind::Gnc => Kernel::Identity,
             Kind::Huber => Kernel::Huber(width),
             Kind::Cauchy => Kernel::Cauchy(width),
             Kind::GemanMcClure => Kernel::GemanMcClure(width),

@@ -6,26 +6,31 @@ use std::time::Instant;
 use super::OptimizeArgs;
 use crate::cli::Error;
 use crate::graph::pose::certificate::{Certificate, certify};
-use crate::graph::pose::diagnosis::Fit;
+use crate::graph::pose::diagnosis::{Fit, Name};
+use crate::graph::pose::gnc::{Gnc, gnc};
 use crate::graph::pose::{self, Iteration, Optimizer, Options, PoseGraph, Rigid, Start};
 
 /// What was found for a graph.
 pub(super) struct Solved {
     /// χ² at the file's poses, of edges alone at the odometry's.
     pub initial_chi2: f64,
-    pub start: Start,
+    /// `None` where there was none to choose.
+    pub start: Option<Start>,
     pub start_chi2: f64,
     /// Σ eᵀ Ω e of all edges.
     pub final_chi2: f64,
-    /// What was minimised: the sum of what edges may cost.
+    /// What was minimised: the sum of what edges may cost, of those that are not left out.
     pub final_cost: f64,
     pub iterations: usize,
     pub converged: bool,
     /// Of initial values and descent.
     pub seconds: f64,
-    /// `None` where a kernel weighs edges, so that χ² is not what was minimised.
+    /// Of the edges that are not left out; `None` where kernels weigh them, so that χ² is not what was
+    /// minimised.
     pub certificate: Option<Certificate>,
-    /// How the edges agree.
+    /// Edges that are left out; `None` where none were looked for.
+    pub outliers: Option<Vec<Name>>,
+    /// How the edges that are not left out agree.
     pub fit: Fit,
 }
 
@@ -49,8 +54,12 @@ pub(super) fn solve<G: Rigid<D, N>, const D: usize, const N: usize>(
     has_poses: bool,
     args: &OptimizeArgs,
 ) -> Result<Solved, Error> {
-    with_all(graph, has_poses, args)
-        .map_err(|error| Error::Input(format!("{}: {error}", args.graph.display())))
+    let found = if args.robust.is_gnc() {
+        without_outliers(graph, has_poses, args)
+    } else {
+        with_all(graph, has_poses, args)
+    };
+    found.map_err(|error| Error::Input(format!("{}: {error}", args.graph.display())))
 }
 
 /// The best poses for all edges, each at what it may cost.
@@ -90,7 +99,7 @@ fn with_all<G: Rigid<D, N>, const D: usize, const N: usize>(
     let summary = summary?;
     Ok(Solved {
         initial_chi2,
-        start,
+        start: Some(start),
         start_chi2,
         final_chi2: summary.final_chi2,
         final_cost: summary.final_cost,
@@ -98,7 +107,43 @@ fn with_all<G: Rigid<D, N>, const D: usize, const N: usize>(
         converged: summary.converged(),
         seconds,
         certificate: args.robust.is_none().then(|| certify(graph)).transpose()?,
+        outliers: None,
         fit: Fit::of(graph, WORST),
+    })
+}
+
+/// The best poses for the edges that agree with each other.
+fn without_outliers<G: Rigid<D, N>, const D: usize, const N: usize>(
+    graph: &mut PoseGraph<G, D>,
+    has_poses: bool,
+    args: &OptimizeArgs,
+) -> Result<Solved, pose::Error> {
+    if !has_poses {
+        Start::Odometry.place(graph)?;
+    }
+    let initial_chi2 = graph.chi2();
+    let clock = Instant::now();
+    let barrier = args.robust.width().map(|width| width * width);
+    let found = gnc(graph, &Gnc { barrier, ..Gnc::default() })?;
+    let seconds = clock.elapsed().as_secs_f64();
+    let left_out = (0..graph.edges.len()).filter(|&edge| !found.is_inlier(edge));
+    let outliers = left_out.map(|edge| graph.name(edge)).collect();
+    let mut index = 0..;
+    let mut kept = graph.clone();
+    kept.edges.retain(|_| index.next().is_some_and(|edge| found.is_inlier(edge)));
+    let fit = Fit::of(&kept, WORST);
+    Ok(Solved {
+        initial_chi2,
+        start: None,
+        start_chi2: initial_chi2,
+        final_chi2: graph.chi2(),
+        final_cost: fit.chi2,
+        iterations: found.rounds,
+        converged: true,
+        seconds,
+        certificate: Some(certify(&kept)?),
+        outliers: Some(outliers),
+        fit,
     })
 }
 

@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 
 use super::solve::Solved;
+use crate::graph::pose::Start;
 use crate::graph::pose::certificate::Certificate;
 use crate::graph::pose::diagnosis::Diagnosis;
 use crate::graph::pose::g2o::{G2o, Graph};
@@ -64,7 +65,7 @@ impl Told<'_> {
             "certified": self.is_certified(),
             "lower_bound": solved.certificate.map(|c| c.lower_bound()),
             "converged": solved.converged,
-            "start": solved.start.name(),
+            "start": solved.start.map(Start::name),
             "start_chi2": solved.start_chi2,
             "final_cost": solved.final_cost,
             "degrees_of_freedom": solved.fit.degrees,
@@ -72,6 +73,7 @@ impl Told<'_> {
             "dimension": self.dimension(),
             "poses": diagnosis.poses,
             "edges": diagnosis.edges,
+            "outliers": solved.outliers,
             "improbable_edges": solved.fit.improbable,
             "worst_edges": solved.fit.worst,
             "remarks": diagnosis.remarks().into_iter().chain(solved.remarks()).collect::<Vec<_>>(),
@@ -102,14 +104,23 @@ impl Told<'_> {
             false => "at poses from odometry, since the file has none",
         };
         lines.push(format!("χ² {:.6} {initial}", solved.initial_chi2));
-        if solved.start_chi2 != solved.initial_chi2 {
-            lines.push(format!("χ² {:.6} at the {} start", solved.start_chi2, solved.start.name()));
+        if let Some(start) = solved.start
+            && solved.start_chi2 != solved.initial_chi2
+        {
+            lines.push(format!("χ² {:.6} at the {} start", solved.start_chi2, start.name()));
         }
         let end = if solved.converged { "" } else { ", not converged" };
         lines.push(format!(
             "χ² {:.6} after {} iterations, {:.4} s{end}",
             solved.final_chi2, solved.iterations, solved.seconds
         ));
+        if let Some(outliers) = &solved.outliers {
+            lines.push(format!(
+                "{} edges are left out; χ² {:.6} of the others",
+                outliers.len(),
+                solved.fit.chi2
+            ));
+        }
         if let Some(ratio) = solved.fit.per_degree() {
             lines.push(format!("{ratio:.3} per degree of freedom ({})", solved.fit.degrees));
         }
