@@ -283,7 +283,7 @@ fn converse<S: Bridge + WireSpace>(
             return None;
         }
         std::thread::sleep(args.pace);
-        if args.graph == Correction::None || done % args.correct_every != 0 {
+        if args.graph == Correction::None || !done.is_multiple_of(args.correct_every) {
             return None;
         }
         let start = Instant::now();

@@ -87,7 +87,7 @@ impl Recording {
                     grasp.unknown.insert("estimate".into(), estimate.to_json(header.dimension));
                     estimates.push(estimate);
                 }
-                log.grasps.push(grasp);
+                log.grasps.push(*grasp);
             }
         });
         let Rest { noise, hello, health, from_board, to_board, refused, duration } = rest;
@@ -102,7 +102,7 @@ pub enum Heard {
     /// The board was told to begin anew: what came before is of another object.
     Forgotten,
     /// A grasp that the board accepted, and what it made of it.
-    Grasp(LoggedGrasp, Option<RecordedEstimate>),
+    Grasp(Box<LoggedGrasp>, Option<RecordedEstimate>),
 }
 
 /// What a recording tells besides.
@@ -325,7 +325,7 @@ impl<S: Bridge + WireSpace> Collector<'_, S> {
     /// Nothing more will come about the last grasp.
     fn tell(&mut self) {
         if let Some((grasp, estimate)) = self.done.take() {
-            (self.hear)(Heard::Grasp(grasp, estimate));
+            (self.hear)(Heard::Grasp(Box::new(grasp), estimate));
         }
     }
 

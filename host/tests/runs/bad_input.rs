@@ -194,11 +194,12 @@ fn what_cannot_be_read_is_named() {
             format!("import push {input} -o r.jsonl"),
             format!("import csv {input} -o r.jsonl"),
             format!("import off {input} -o r.jsonl"),
-            format!("replay {input} -o r.jsonl"),
             format!("simulate --object polygon:{input} -o r.jsonl"),
         ] {
             place.tactile(&line).refused(&[input, "cannot read"]);
         }
+        let why = if input == "folder.jsonl" { "is a folder" } else { "cannot read" };
+        place.tactile(&format!("replay {input} -o r.jsonl")).refused(&[input, why]);
     }
 }
 

@@ -387,8 +387,9 @@ fn every_command_explains_itself() {
     let help = place.tactile("--help").done().out;
     let mut commands = vec![String::new()];
     let listed = help.split("Commands:\n").nth(1).unwrap().lines();
-    let listed =
-        listed.take_while(|l| l.starts_with("  ")).filter_map(|l| l.split_whitespace().next());
+    // Deeper lines go on with what the one above is for.
+    let listed = listed.take_while(|l| l.starts_with("  ")).filter(|l| !l.starts_with("   "));
+    let listed = listed.filter_map(|l| l.split_whitespace().next());
     commands.extend(listed.filter(|c| *c != "help").map(str::to_owned));
     for known in ["slam", "simulate", "explore", "import", "live", "replay", "inspect", "reproduce"]
     {

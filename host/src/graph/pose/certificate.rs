@@ -329,11 +329,9 @@ mod tests {
             let root =
                 SMatrix::<f64, D, D>::from_fn(|_, _| random.normal() * 0.3) + SMatrix::identity();
             let mut information = root * root.transpose() * edge.information[(0, 0)];
-            if N == 3 {
-                // In space, coupling makes the bound loose.
-                information.view_mut((0, N), (N, D - N)).fill(0.0);
-                information.view_mut((N, 0), (D - N, N)).fill(0.0);
-            }
+            // Coupling of translation and rotation makes the bound loose.
+            information.view_mut((0, N), (N, D - N)).fill(0.0);
+            information.view_mut((N, 0), (D - N, N)).fill(0.0);
             edge.information = information;
         }
         graph.poses = chordal(&graph).unwrap();
@@ -387,10 +385,10 @@ mod tests {
         }
 
         #[test]
-        fn moderate_noise_is_certified_with_full_information(seed in 0u64..1000) {
-            let plane = certify(&optimum::<Se2, 3, 2>(seed, 0.03)).unwrap();
+        fn moderate_noise_is_certified_whatever_the_directions_weigh(seed in 0u64..1000) {
+            let plane = certify(&optimum::<Se2, 3, 2>(seed, 0.01)).unwrap();
             prop_assert!(plane.is_certified(), "{plane:?}");
-            let space = certify(&optimum::<Se3, 6, 3>(seed, 0.03)).unwrap();
+            let space = certify(&optimum::<Se3, 6, 3>(seed, 0.01)).unwrap();
             prop_assert!(space.is_certified(), "{space:?}");
         }
 

@@ -288,13 +288,14 @@ mod tests {
         let mut graph = grid::<Se2, 3>(5, 2, 0.0);
         graph.edges[0].information[(2, 2)] = 0.0;
         graph.edges.pop();
-        let unmeasured = Err(Error::Unconstrained { id: 10, component: 2 });
-        assert_eq!(chordal(&graph), unmeasured);
+        // Any of the poses beyond that edge.
+        let loose = chordal(&graph);
+        assert!(matches!(loose, Err(Error::Unconstrained { component: 2, .. })), "{loose:?}");
         graph.edges[0].information = SMatrix::identity();
         graph.edges[0].information[(0, 1)] = 1.0;
         graph.edges[0].information[(1, 0)] = 1.0;
-        let unmeasured = Err(Error::Unconstrained { id: 10, component: 0 });
-        assert_eq!(chordal(&graph), unmeasured);
+        let loose = chordal(&graph);
+        assert!(matches!(loose, Err(Error::Unconstrained { component: 0, .. })), "{loose:?}");
         graph.edges[0].information[(2, 2)] = -1.0;
         let problem = "not positive semidefinite";
         let indefinite = Err(Error::Information { edge: 0, from: 7, to: 10, problem });

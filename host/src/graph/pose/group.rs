@@ -361,7 +361,7 @@ mod tests {
     proptest! {
         #[test]
         fn tangents_lead_from_pose_to_pose((x, y) in (se2(), se2()), (a, b) in (se3(), se3())) {
-            prop_assume!(x.local(&y)[2].abs() < 3.14 && a.local(&b).fixed_rows::<3>(3).norm() < 3.1);
+            prop_assume!(x.local(&y)[2].abs() < 3.13 && a.local(&b).fixed_rows::<3>(3).norm() < 3.1);
             tangents(x, y)?;
             tangents(a, b)?;
         }
@@ -371,7 +371,7 @@ mod tests {
             (x, y, z) in (se2(), se2(), se2()), (a, b, c) in (se3(), se3(), se3()),
         ) {
             // At half a turn the error itself jumps.
-            prop_assume!(Se2::error(&x, &y, &z)[2].abs() < 3.1415);
+            prop_assume!(Se2::error(&x, &y, &z)[2].abs() < std::f64::consts::PI - 1e-4);
             derivatives(x, y, z)?;
             prop_assume!(Se3::error(&a, &b, &c).fixed_rows::<3>(3).norm() < 0.99999);
             derivatives(a, b, c)?;

@@ -333,8 +333,10 @@ impl Columns {
     /// Merges a supernode into its parent where the zeros that are then computed with cost less than
     /// keeping the two apart (Ashcraft and Grimes 1989).
     fn amalgamated(self) -> Self {
+        /// First column, columns and rows of a node.
+        type Node = (usize, usize, Range<usize>);
         // Merged nodes, and how many of their blocks are zero.
-        let mut merged: Vec<((usize, usize, Range<usize>), usize)> = Vec::new();
+        let mut merged: Vec<(Node, usize)> = Vec::new();
         for (first, columns, rows) in self.nodes {
             let mut node = (first, columns, rows);
             let mut zeros = 0;
