@@ -2,7 +2,7 @@
 //!
 //! `GET /` is the page ([`super::html::live`]), `/live` the WebSocket that sends the messages of
 //! [`super::scene`], one a frame of text: to each viewer the scene so far, then what comes, as it
-//! comes. Whoever tells never waits for a viewer ([`history`] says how). Threads of the standard
+//! comes. Whoever tells never waits for a viewer (`history` says how). Threads of the standard
 //! library: one that opens the door, one for each viewer.
 
 mod door;

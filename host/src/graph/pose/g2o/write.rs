@@ -21,7 +21,7 @@ pub fn write(path: &Path, graph: &Graph) -> Result<(), G2oError> {
     })
 }
 
-/// As [`write`], to anything that can be written to.
+/// As [`write()`], to anything that can be written to.
 ///
 /// # Errors
 /// When the writer fails, or (`InvalidInput`) the graph's indices name no pose.

@@ -95,7 +95,7 @@ impl Structure {
     }
 
     /// Where the block of row position `row` and column position `column` < `row` is held in a
-    /// [`BlockMatrix`], if it is.
+    /// `BlockMatrix`, if it is.
     pub fn slot(&self, row: usize, column: usize) -> Option<usize> {
         let range = self.starts[column]..self.starts[column + 1];
         let at = self.below[range.clone()].binary_search(&(row as u32)).ok()?;
