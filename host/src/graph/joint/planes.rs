@@ -91,7 +91,7 @@ impl Default for Effort {
 /// result. `None` where there is nothing to correct: no grasps, or no face that two contacts share.
 ///
 /// ```
-/// use tactile_host::graph::planes::{Effort, planes};
+/// use tactile_host::graph::joint::{Effort, planes};
 /// use tactile_host::sim::{Options, simulate};
 /// use tactile_host::slam::track;
 /// let log = simulate(&Options::new("rectangle:0.10x0.06".parse()?))?.log;

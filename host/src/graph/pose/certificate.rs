@@ -96,7 +96,7 @@ impl Certificate {
 ///
 /// ```
 /// use tactile_host::graph::pose::certificate::certify;
-/// use tactile_host::graph::pose::{Edge, Options, PoseGraph2, Se2, optimize};
+/// use tactile_host::graph::pose::{Edge, Group, Options, PoseGraph2, Se2, optimize};
 ///
 /// // A ring of eight poses that turns by 45° each.
 /// let step = Se2::new(1.0, 0.0, std::f64::consts::FRAC_PI_4);
