@@ -344,7 +344,8 @@ fn streams<L: Link>(link: L) {
     // It was still listening.
     session.stream(0).unwrap();
     let health = session.health().unwrap();
-    assert_eq!((health.overruns, health.received.damaged()), (0, 0));
+    // A greeting may be cut by a board that begins to listen.
+    assert!(health.overruns == 0 && health.received.damaged() <= 1, "{health:?}");
 }
 
 #[test]
