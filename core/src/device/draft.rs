@@ -42,13 +42,14 @@ impl GaugeDraft {
         for (k, row) in matrix.iter_mut().enumerate() {
             row[k] = capacity[k];
         }
-        let placeholder = GaugeCalibration::new(matrix, CONVERTER, capacity)?;
+        // Completes the struct; `settings` puts in its place what was told, or refuses.
+        let untold = GaugeCalibration::new(matrix, CONVERTER, capacity)?;
         let skin = Fingertip { shape: Shape::Sphere { radius: 0.0 }, edge: None };
         Ok(GaugeDraft {
             matrix: [[0.0; 6]; 6],
             range: CONVERTER,
             capacity,
-            rest: WrenchSettings::nano17(placeholder, skin),
+            rest: WrenchSettings::nano17(untold, skin),
         })
     }
 
