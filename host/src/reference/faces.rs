@@ -213,8 +213,8 @@ pub struct Faces {
     pub dimension: usize,
     /// In no particular order; not empty.
     pub faces: Vec<Face>,
-    /// What explains each contact that was given; `None` without a normal, unless a face is all that
-    /// it can lie on.
+    /// What explains each contact that was given; `None` where it cannot be used, and without a normal,
+    /// unless a face is all that it can lie on.
     pub owners: Vec<Option<Owner>>,
     /// Sum of the contacts' costs.
     pub chi_squared: f64,
@@ -229,11 +229,11 @@ pub struct Faces {
 }
 
 impl Faces {
-    /// The faces that explain the contacts (object frame). Contacts without a normal are left out.
-    /// `None` when no contact has one.
+    /// The faces that explain the contacts (object frame). Contacts without a normal are left out, and
+    /// so are those that cannot be used ([`Contact::checked`]). `None` when none is left.
     pub fn fit(dimension: usize, contacts: &[Contact]) -> Option<Faces> {
-        let felt: Vec<(Contact, Point)> =
-            contacts.iter().filter_map(|c| Some((*c, c.normal?))).collect();
+        let checked = |c: &Contact| c.checked().and_then(|c| Some((c, c.normal?)));
+        let felt: Vec<(Contact, Point)> = contacts.iter().filter_map(checked).collect();
         let gate = GATE[dimension.clamp(2, 3) - 2];
         let mut groups: Vec<Moments> = Vec::new();
         for batch in felt.chunks(BATCH) {
@@ -261,7 +261,13 @@ impl Faces {
             merge(&mut groups, gate);
             faces = solved(&groups, dimension);
         }
-        let owner = |c: &Contact| Some(Owner::Face(nearest(&faces, c, &c.normal?)?));
+        if faces.is_empty() {
+            return None;
+        }
+        let owner = |c: &Contact| {
+            let (contact, normal) = checked(c)?;
+            Some(Owner::Face(nearest(&faces, &contact, &normal)?))
+        };
         let owners = contacts.iter().map(owner).collect();
         Some(Faces::explaining(dimension, contacts, faces, owners))
     }

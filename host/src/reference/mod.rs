@@ -62,4 +62,20 @@ impl Contact {
             ..*self
         }
     }
+
+    /// The contact with its normal at unit length; `None` where it cannot be used: a number that is
+    /// not finite, a deviation that is not positive, a normal without length.
+    pub fn checked(&self) -> Option<Contact> {
+        let positive = |d: f64| d > 0.0 && d.is_finite();
+        let fine = self.point.iter().all(|v| v.is_finite())
+            && positive(self.point_deviation)
+            && positive(self.normal_deviation);
+        let normal = match self.normal {
+            Some(normal) => {
+                Some(normal.try_normalize(1e-3).filter(|n| n.iter().all(|v| v.is_finite()))?)
+            }
+            None => None,
+        };
+        fine.then_some(Contact { normal, ..*self })
+    }
 }

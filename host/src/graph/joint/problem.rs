@@ -81,7 +81,7 @@ impl Problem {
                 let (point_deviation, normal_deviation) = deviations(c, &log.noise);
                 let contact =
                     Contact { point: c.point, normal: c.normal, point_deviation, normal_deviation };
-                felt.extend(usable(contact).map(|contact| Felt { grasp, contact }));
+                felt.extend(contact.checked().map(|contact| Felt { grasp, contact }));
             }
             starts.push(felt.len());
         }
@@ -196,20 +196,6 @@ impl Problem {
         });
         self.kernel.cost(off).0 + self.kernel.cost(turned).0 + self.exact(contact)
     }
-}
-
-fn usable(contact: Contact) -> Option<Contact> {
-    let positive = |d: f64| d > 0.0 && d.is_finite();
-    let fine = contact.point.iter().all(|v| v.is_finite())
-        && positive(contact.point_deviation)
-        && positive(contact.normal_deviation);
-    let normal = match contact.normal {
-        Some(normal) => {
-            Some(normal.try_normalize(1e-3).filter(|n| n.iter().all(|v| v.is_finite()))?)
-        }
-        None => None,
-    };
-    fine.then_some(Contact { normal, ..contact })
 }
 
 fn finite(pose: &Pose) -> bool {

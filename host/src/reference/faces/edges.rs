@@ -157,6 +157,7 @@ impl Faces {
     /// Contacts go to what explains them best among `faces`, which are then fitted anew.
     fn reassigned(&self, contacts: &[Contact], faces: Vec<Face>) -> Faces {
         let mut faces = faces;
+        let checked: Vec<Option<Contact>> = contacts.iter().map(Contact::checked).collect();
         for _ in 0..2 {
             let moments = |face: usize| {
                 let own = |contact: &Contact| match &contact.normal {
@@ -166,7 +167,7 @@ impl Faces {
                         (resting(&faces, contact) == Some(face)).then(|| Moments::bare(contact))
                     }
                 };
-                contacts.iter().filter_map(own).reduce(|sum, m| sum.plus(&m))
+                checked.iter().flatten().filter_map(own).reduce(|sum, m| sum.plus(&m))
             };
             let groups: Vec<Moments> = (0..faces.len()).filter_map(moments).collect();
             let fitted = solved(&groups, self.dimension);
@@ -175,11 +176,11 @@ impl Faces {
             }
             faces = fitted;
         }
-        let owner = |contact: &Contact| match &contact.normal {
-            Some(normal) => Some(best(&faces, contact, normal, None).0),
-            None => resting(&faces, contact).map(Owner::Face),
+        let owner = |contact: &Option<Contact>| match contact.as_ref()?.normal {
+            Some(normal) => Some(best(&faces, contact.as_ref()?, &normal, None).0),
+            None => resting(&faces, contact.as_ref()?).map(Owner::Face),
         };
-        let owners = contacts.iter().map(owner).collect();
+        let owners = checked.iter().map(owner).collect();
         Faces::explaining(self.dimension, contacts, faces, owners)
     }
 }

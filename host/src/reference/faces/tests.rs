@@ -231,3 +231,25 @@ fn nearly_square_faces_become_square_and_others_do_not() {
     let free = Faces::fit(dimension, &contacts).unwrap().simplified(&contacts);
     assert_eq!(free.regular(&contacts).chi_squared, free.chi_squared);
 }
+
+#[test]
+fn contacts_that_cannot_be_used_change_nothing() {
+    let contacts = with_corners();
+    let clean = Faces::fit(2, &contacts).unwrap().simplified(&contacts);
+    let good = contacts[3];
+    let mut with = contacts.clone();
+    with.extend([
+        Contact { point: Point::new(f64::NAN, 0.0, 0.0), ..good },
+        Contact { point: Point::new(0.0, f64::INFINITY, 0.0), normal: None, ..good },
+        Contact { normal: Some(Point::new(f64::NAN, 1.0, 0.0)), ..good },
+        Contact { normal: Some(Point::zeros()), ..good },
+        Contact { point_deviation: 0.0, ..good },
+        Contact { normal_deviation: f64::NAN, ..good },
+    ]);
+    let faces = Faces::fit(2, &with).unwrap().simplified(&with);
+    assert_eq!(faces.faces.len(), clean.faces.len());
+    assert_eq!(faces.owners[..contacts.len()], clean.owners[..]);
+    assert!(faces.owners[contacts.len()..].iter().all(Option::is_none));
+    assert_eq!(faces.chi_squared, clean.chi_squared);
+    assert!(Faces::fit(2, &with[contacts.len()..]).is_none());
+}
