@@ -6,6 +6,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::problem::{Labels, Problem, State};
+use super::regular::Relation;
 use super::solve::{Solved, offset_row, solve};
 use super::tangent::{Face, six_by_six};
 use crate::reference::Contact;
@@ -94,7 +95,12 @@ pub fn supported(problem: &Problem, state: State, labels: Labels) -> (State, Lab
         }
     }
     let labels = labels.into_iter().map(|label| numbers[label?]).collect();
-    (State { faces, ..state }, labels)
+    let kept = |relation: &Relation| {
+        let [i, j] = relation.faces;
+        Some(Relation { faces: [numbers[i]?, numbers[j]?], ..*relation })
+    };
+    let relations = state.relations.iter().filter_map(kept).collect();
+    (State { faces, relations, ..state }, labels)
 }
 
 /// Faces fitted to contacts in the object frame (`None`: not to be used), and the labels.

@@ -5,6 +5,7 @@ use nalgebra::{Const, DimMin, Matrix3, Matrix6};
 use super::alias::restart;
 use super::explain::{fitted, improve, settle};
 use super::problem::{Labels, Problem, State};
+use super::regular::regular;
 use super::retrack::retrack;
 use super::solve::Solved;
 use super::tangent::six_by_six;
@@ -138,6 +139,7 @@ where
                 break;
             }
         }
+        regular(problem, solved);
     }
     let best = found.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
     let steps = trajectories.first().copied().unwrap_or_default();
@@ -159,7 +161,7 @@ fn initial(problem: &Problem, steps: &[Step], doubted: bool) -> (State, Labels) 
     };
     let contacts: Vec<Option<Contact>> = (0..problem.felt.len()).map(|i| Some(placed(i))).collect();
     let (faces, labels) = fitted(problem.dimension, &contacts);
-    (State { poses, faces }, labels)
+    (State { poses, faces, relations: Vec::new() }, labels)
 }
 
 fn corrected<const D: usize>(

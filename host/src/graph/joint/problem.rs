@@ -6,6 +6,7 @@ use crate::slam::{deviations, track};
 use crate::space::{Point, Pose};
 
 use super::factors::Kernel;
+use super::regular::Relation;
 use super::tangent::Face;
 
 /// Deviations of a motion that nobody measured (metres, radians): weak, but it keeps a grasp that sees
@@ -67,6 +68,8 @@ pub struct State {
     pub poses: Vec<Pose>,
     /// Object frame.
     pub faces: Vec<Face>,
+    /// Which of them are parallel or square.
+    pub relations: Vec<Relation>,
 }
 
 impl Problem {

@@ -34,7 +34,7 @@ where
         return None;
     }
     let poses = problem.poses(&[first]);
-    let first = State { poses: vec![*poses.first()?], faces: Vec::new() };
+    let first = State { poses: vec![*poses.first()?], faces: Vec::new(), relations: Vec::new() };
     let contacts: Vec<Option<Contact>> =
         problem.of(0).map(|i| Some(problem.placed(&first.poses, i))).collect();
     let (faces, labels) = fitted(problem.dimension, &contacts);

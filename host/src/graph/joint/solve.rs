@@ -5,6 +5,7 @@ use nalgebra::{DMatrix, SMatrix};
 use super::arrow::{Arrow, Factor};
 use super::factors;
 use super::problem::{Labels, Problem, State};
+use super::regular::Relation;
 use super::size;
 use super::tangent::{Tangent, axes, retract};
 use crate::space::Point;
@@ -174,6 +175,9 @@ pub fn linearise<const D: usize>(
             arrow.chain[felt.grasp - 1] += by_pose.tr_mul(&touch.residual);
         }
     }
+    for relation in &state.relations {
+        cost += add_relation(&mut arrow, state, relation, dimension);
+    }
     for k in 1..state.poses.len() {
         let motion = &problem.motions[k];
         let (before, after) = (&state.poses[k - 1], &state.poses[k]);
@@ -183,6 +187,29 @@ pub fn linearise<const D: usize>(
         arrow.add_step(k, &step, weight);
     }
     (cost, arrow)
+}
+
+/// Adds what a relation says of its two faces; what it costs.
+fn add_relation<const D: usize>(
+    arrow: &mut Arrow<D>,
+    state: &State,
+    relation: &Relation,
+    dimension: usize,
+) -> f64 {
+    let miss = relation.miss(&state.faces, dimension);
+    let turns = |side: usize| (0..dimension - 1).map(move |l| (side, l));
+    let at = |(side, turn): (usize, usize)| dimension * relation.faces[side] + turn;
+    let mut cost = 0.0;
+    for (residual, row) in miss.residual.iter().zip(&miss.by_turns).take(miss.count) {
+        cost += 0.5 * residual * residual;
+        for a in turns(0).chain(turns(1)) {
+            arrow.rest[at(a)] += row[a.0][a.1] * residual;
+            for b in turns(0).chain(turns(1)) {
+                arrow.corner[(at(a), at(b))] += row[a.0][a.1] * row[b.0][b.1];
+            }
+        }
+    }
+    cost
 }
 
 /// What the cost of contacts and motions leaves out.
@@ -200,6 +227,7 @@ fn worth<const D: usize>(
     let free = faces * problem.dimension as f64;
     contacts.sum::<f64>()
         + faces * problem.vague()
+        + state.relations.iter().map(|r| r.worth(problem.dimension)).sum::<f64>()
         + 0.5 * (factor.log_determinant() - free * std::f64::consts::TAU.ln())
         + shape(problem, state, labels, &factor.faces())
 }

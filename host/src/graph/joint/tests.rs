@@ -122,7 +122,7 @@ fn at_truth(log: &GraspLog) -> (Problem, State, Labels) {
     let poses = corrected.steps.iter().map(|s| s.pose).collect();
     let face = |p: &super::Plane| super::tangent::Face { normal: p.normal, offset: p.offset };
     let faces = corrected.faces.iter().map(face).collect();
-    (problem, State { poses, faces }, corrected.owners)
+    (problem, State { poses, faces, relations: Vec::new() }, corrected.owners)
 }
 
 #[test]

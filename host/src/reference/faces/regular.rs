@@ -20,7 +20,7 @@ const POSITIVE: f64 = 1.1;
 const GATE: f64 = 9.0;
 
 /// How parallel or square the faces of made things are, radians.
-const EXACT: f64 = 0.005;
+pub const EXACT: f64 = 0.005;
 
 /// Faces of many more are curved, and their pairs would take long.
 const MOST_FACES: usize = 32;
