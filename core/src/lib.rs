@@ -26,6 +26,7 @@ extern crate std;
 pub mod contact;
 pub mod device;
 pub mod driver;
+pub mod explore;
 pub mod math;
 pub mod matrix;
 pub mod random;

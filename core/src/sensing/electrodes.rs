@@ -1,5 +1,7 @@
 //! An array of electrodes under a fluid-filled skin: impedances to contacts.
 
+use heapless::Vec;
+
 use super::detection::{Detector, Hysteresis, Phase, Sampling, Tare, Window};
 use super::fingertip::{Edge, Fingertip, Patch, Shape};
 use super::{
@@ -161,13 +163,18 @@ pub fn centroid(
     changes: &[f32; ELECTRODES],
     positions: &[Vector<3>; ELECTRODES],
 ) -> Option<Vector<3>> {
-    let (mut sum, mut weight) = (Vector::<3>::ZERO, 0.0);
-    for (change, position) in changes.iter().zip(positions) {
-        sum += *position * change.abs();
-        weight += change.abs();
+    weighted_mean(changes.iter().map(|change| change.abs()).zip(positions.iter().copied()))
+}
+
+/// The mean of some positions, weighted.
+fn weighted_mean(weighted: impl Iterator<Item = (f32, Vector<3>)>) -> Option<Vector<3>> {
+    let (mut sum, mut all) = (Vector::<3>::ZERO, 0.0);
+    for (weight, position) in weighted {
+        sum += position * weight;
+        all += weight;
     }
-    let mean = sum * (1.0 / weight);
-    (weight > 0.0 && mean.is_finite()).then_some(mean)
+    let mean = sum * (1.0 / all);
+    (all > 0.0 && mean.is_finite()).then_some(mean)
 }
 
 /// Electrodes that change by less than this share of the strongest say little about where it is.
@@ -231,12 +238,21 @@ impl Default for ElectrodeEstimator {
     }
 }
 
-/// Relative changes of impedance, and what noise makes of them.
+/// An electrode whose change is above the noise.
+#[derive(Clone, Copy)]
+struct Change {
+    /// The skin above it.
+    above: Vector<3>,
+    /// Relative change of its impedance.
+    value: f32,
+    /// Its variance over its square.
+    doubt: f32,
+}
+
+/// What changes, and by how much.
 struct Changes {
-    values: [f32; ELECTRODES],
-    /// Standard deviations.
-    noise: [f32; ELECTRODES],
-    /// Sum of those above the noise.
+    list: Vec<Change, ELECTRODES>,
+    /// Sum of the relative changes.
     level: f32,
     largest: f32,
 }
@@ -293,24 +309,23 @@ impl ElectrodeEstimator {
         // The baseline is as uncertain as the mean of the readings that made it.
         let variance = share + 1.0 / self.settings.sampling.tare as f32;
         let noise = self.settings.noise * math::sqrt(variance) * full;
-        let mut changes = Changes {
-            values: [0.0; ELECTRODES],
-            noise: [0.0; ELECTRODES],
-            level: 0.0,
-            largest: 0.0,
-        };
-        for k in 0..ELECTRODES {
-            let word = self.window.sums()[k] as f32 * share;
-            let ratio = self.conductance[k] / word;
-            let value = (full - word) * ratio - 1.0;
-            // d(R/R₀)/dw = −(full/w)·(ratio).
-            let deviation = noise * ratio / word;
-            if value > NOISE_FLOOR * deviation {
-                changes.values[k] = value;
+        let mut changes = Changes { list: Vec::new(), level: 0.0, largest: 0.0 };
+        let sums = self.window.sums().iter().zip(&self.conductance);
+        for ((sum, conductance), above) in sums.zip(&self.above) {
+            // The change is R/R₀ − 1 = rise/w and its deviation spread/w², since
+            // d(R/R₀)/dw = −(full/w)·(conductance/w): most electrodes rest and need no division.
+            let word = *sum as f32 * share;
+            let rise = (full - word) * conductance - word;
+            let (rose, spread) = (rise * word, noise * conductance);
+            if rose > NOISE_FLOOR * spread {
+                let value = rise / word;
+                let relative = spread / rose;
                 changes.level += value;
                 changes.largest = math::max(changes.largest, value);
+                // As many as there are electrodes, so that there is room.
+                let change = Change { above: *above, value, doubt: relative * relative };
+                let _ = changes.list.push(change);
             }
-            changes.noise[k] = deviation;
         }
         changes
     }
@@ -332,7 +347,8 @@ impl ElectrodeEstimator {
     fn locate(&self, changes: &Changes) -> Result<Touch, NoContact> {
         let settings = &self.settings;
         let fingertip = &settings.fingertip;
-        let mean = centroid(&changes.values, &self.above).ok_or(NoContact::TooLight)?;
+        let mean = weighted_mean(changes.list.iter().map(|c| (c.value, c.above)))
+            .ok_or(NoContact::TooLight)?;
         let start = fingertip.project(mean).ok_or(NoContact::IllConditioned)?;
         let fit = self.fit(changes, &start);
         if fit.freedom > 0.0 && fit.misfit > MISFIT * fit.freedom {
@@ -371,16 +387,12 @@ impl ElectrodeEstimator {
         let (mut p, mut q, mut y) = (0.0, 0.0, 0.0);
         let (mut pp, mut pq, mut qq, mut py, mut qy, mut yy) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         let floor = FAINT * changes.largest;
-        for k in 0..ELECTRODES {
-            let change = changes.values[k];
-            if !(change > floor) {
-                continue;
-            }
-            let away = self.above[k] - start.point;
-            let relative = changes.noise[k] / change;
-            let w = 1.0 / (relative * relative + settings.mismatch * settings.mismatch);
+        let mismatch = settings.mismatch * settings.mismatch;
+        for change in changes.list.iter().filter(|change| change.value > floor) {
+            let away = change.above - start.point;
+            let w = 1.0 / (change.doubt + mismatch);
             let (a, b) = (inverse * u.dot(away), inverse * v.dot(away));
-            let c = math::ln(change) + 0.5 * inverse * away.norm_squared();
+            let c = math::ln(change.value) + 0.5 * inverse * away.norm_squared();
             weight += w;
             used += 1.0;
             let (wa, wb, wc) = (w * a, w * b, w * c);
