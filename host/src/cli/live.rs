@@ -347,7 +347,7 @@ fn converse<S: Bridge + WireSpace>(
     let run = || match sensors {
         None => session.run_taught(log, settings, after).map_err(Error::failure),
         Some(sensors) => {
-            session.run_sensed(log, sensors, settings, seen).map_err(|error| match error {
+            session.run_sensed(log, sensors, settings, &seen).map_err(|error| match error {
                 SensedError::Session(error) => Error::failure(error),
                 error => Error::input(error),
             })

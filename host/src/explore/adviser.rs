@@ -218,7 +218,7 @@ mod tests {
         let open = Closing { strokes: Vec::new(), ..closing.clone() };
         let text = error(board.choose(bench.log(), &[closing.clone(), open]));
         assert!(text.contains("candidate 1") && text.contains("finger"), "{text}");
-        let mut nowhere = closing;
+        let mut nowhere = closing.clone();
         nowhere.hand.translation.vector.x = f64::NAN;
         assert!(error(board.choose(bench.log(), &[nowhere])).contains("candidate 0"));
         let mut flat = bench.log().clone();

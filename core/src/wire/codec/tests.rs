@@ -264,7 +264,7 @@ fn golden() -> Vec<(&'static str, Vec<u8>)> {
             "singular matrix",
             wire(11, 11, R::Reply(Reply { to: 5, refusal: Some(Refusal::Singular) })),
         ),
-        ("consider 3d", consider(&candidate(&motion))),
+        ("consider 3d", consider(&candidate::<Spatial>(&motion))),
         (
             "consider 2d",
             consider(&candidate::<Planar>(&PlanarPose::new(Vector([0.1, -0.2]), 2.5))),
