@@ -15,18 +15,18 @@ use crate::driver::DriverError;
 use crate::explore::{Candidate, Candidates, Choice, Criterion, ListError};
 use crate::track::{Modes, MotionNoise, Tracker};
 use crate::wire::{
-    Arrival, BoardKind, ChoiceFrame, Clock, Command, ContactFrame, Decoder, EstimateFrame, FaceFrame,
-    FaceSummary, Frame, FrameError, Health, Hello, MAX_FRAME, ModeFrame, PROTOCOL, Received,
-    Refusal, Reply, Report, Settings, Topic, TrackerKind, WireSpace, WordsFrame, encode,
+    Arrival, BoardKind, ChoiceFrame, Clock, Command, ContactFrame, Decoder, EstimateFrame,
+    FaceFrame, FaceSummary, Frame, FrameError, Health, Hello, MAX_FRAME, ModeFrame, PROTOCOL,
+    Received, Refusal, Reply, Report, Settings, Topic, TrackerKind, WireSpace, WordsFrame, encode,
 };
 
 pub use fingers::Fingers;
 pub use sampling::{Reading, Sample, Scripted, Sensing, Watched};
 pub use trackers::{
-    CANDIDATES, CONTACTS, FINGERS, PlanarDevice, PlanarHypotheses, PlanarHypothesesDevice, PlanarMap,
-    PlanarRaoBlackwell, PlanarRaoBlackwellDevice, PlanarTracker, SpatialDevice, SpatialHypotheses,
-    SpatialHypothesesDevice, SpatialMap, SpatialRaoBlackwell, SpatialRaoBlackwellDevice,
-    SpatialSensingDevice, SpatialTracker,
+    CANDIDATES, CONTACTS, FINGERS, PlanarDevice, PlanarHypotheses, PlanarHypothesesDevice,
+    PlanarMap, PlanarRaoBlackwell, PlanarRaoBlackwellDevice, PlanarTracker, SpatialDevice,
+    SpatialHypotheses, SpatialHypothesesDevice, SpatialMap, SpatialRaoBlackwell,
+    SpatialRaoBlackwellDevice, SpatialSensingDevice, SpatialTracker,
 };
 
 /// What a device needs of the hardware.
@@ -376,10 +376,12 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize, const FINGERS: usize>
             }
             Command::Consider(frame) => {
                 let candidate = frame.candidate().map_err(|_| Refusal::Candidate)?;
-                self.candidates.put(frame.number.into(), candidate).map_err(|error| match error {
-                    ListError::Gap => Refusal::NoSuch,
-                    ListError::Full => Refusal::TooMany,
-                })?;
+                self.candidates.put(frame.number.into(), candidate).map_err(
+                    |error| match error {
+                        ListError::Gap => Refusal::NoSuch,
+                        ListError::Full => Refusal::TooMany,
+                    },
+                )?;
             }
             Command::FingertipPose(frame) => self.fingers.place(&frame)?,
             Command::Sensor(frame) => self.fingers.tell(&frame)?,

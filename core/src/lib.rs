@@ -9,6 +9,7 @@
 //! ```text
 //! contact::Contact → contact::Grasp → track::Tracker → track::Estimate → wire::Frame
 //!                                       │ surface::Gpis + pose belief
+//!                                       └ explore::choose: the grasp to make next
 //! ```
 //!
 //! Everything is generic over [`space::Space`]: [`space::Planar`] (three degrees of freedom) and

@@ -118,7 +118,9 @@ impl Errors {
         let gains = self.gains.iter().sum::<f64>() / self.gains.len() as f64;
         eprintln!(
             "{what}: gains of {gains:.2} nats; errors up to {:.4} nats, {:.4} of variance sums, regret {:.4}",
-            most(n), most(s), most(r)
+            most(n),
+            most(s),
+            most(r)
         );
         assert!(gains > 1.0);
         // Two ways to meet the object that are equally likely may be told apart either way.
@@ -193,7 +195,7 @@ where
             tracker.choose(None, candidates, criterion, NOISE as f32).unwrap()
         });
     }
-    errors.judge(&format!("faces, {}D", S::DIMENSION), (0.01, 0.01));
+    errors.judge(&format!("faces, {}D", S::DIMENSION), (0.004, 0.004));
 }
 
 #[test]
@@ -267,7 +269,7 @@ where
             tracker.choose(None, candidates, criterion, NOISE as f32).unwrap()
         });
     }
-    errors.judge(&format!("map, {}D", S::DIMENSION), (0.05, 0.02));
+    errors.judge(&format!("map, {}D", S::DIMENSION), (0.004, 0.004));
 }
 
 #[test]
@@ -305,7 +307,10 @@ fn chooses_as_the_virtual_board<S: Sample>(tracker: TrackerKind) {
     let Some((_, emulated)) = board::<S>(Machine::Stm32f405, tracker) else { return };
     let (there, deepest) = advice::<S>(emulated);
     let bits = |c: &ChoiceFrame| (c.number, c.considered, c.contacts, c.gain.to_bits());
-    assert_eq!(there.iter().map(bits).collect::<Vec<_>>(), here.iter().map(bits).collect::<Vec<_>>());
+    assert_eq!(
+        there.iter().map(bits).collect::<Vec<_>>(),
+        here.iter().map(bits).collect::<Vec<_>>()
+    );
     eprintln!("{tracker:?}, {}D: deepest stack {deepest} B", S::DIMENSION);
     assert!(deepest > 500 && deepest < 8 << 10, "{deepest}");
 }

@@ -214,7 +214,8 @@ fn one_told_face_is_what_algebra_says() {
     close(met.share, (-0.5f32).exp());
     // The world turned and moved with hand and object changes nothing.
     let moved = PlanarPose::new(Vector([0.3, -0.2]), 1.0);
-    let here = worth(&mut belief, &hand(&[stroke([0.01, 0.1], [0.0, -0.2])]), Default::default(), NOISE);
+    let here =
+        worth(&mut belief, &hand(&[stroke([0.01, 0.1], [0.0, -0.2])]), Default::default(), NOISE);
     let mut belief = tracker.foresee(Some(&moved)).unwrap();
     let there = Candidate { hand: moved, ..hand(&[stroke([0.01, 0.1], [0.0, -0.2])]) };
     let there = worth(&mut belief, &there, Default::default(), NOISE);
@@ -232,7 +233,10 @@ fn lists_are_lists() {
         ..hand(&[stroke([0.0, 0.1], [0.0, -0.2])])
     };
     assert_eq!(list.put(1, at(1.0)), Err(ListError::Gap));
-    assert_eq!((list.put(0, at(0.0)), list.put(1, at(1.0)), list.put(2, at(2.0))), (Ok(()), Ok(()), Ok(())));
+    assert_eq!(
+        (list.put(0, at(0.0)), list.put(1, at(1.0)), list.put(2, at(2.0))),
+        (Ok(()), Ok(()), Ok(()))
+    );
     assert_eq!(list.put(3, at(3.0)), Err(ListError::Full));
     assert_eq!((list.put(1, at(5.0)), list.as_slice().len()), (Ok(()), 3));
     assert_eq!(list.as_slice()[1], at(5.0));
@@ -249,8 +253,10 @@ fn extremes_are_worth_nothing_or_something() {
     let mut map = std::boxed::Box::new(Bootstrap::new(Gpis::new()));
     slab::<Planar, PlanarTracker>(&mut *map, STEADY);
     let mut far = hand(&[stroke([0.0, 0.1], [0.0, -0.2])]);
-    far.strokes[1] = Some(Stroke { start: Vector([3e38, -3e38]), direction: Vector([0.6, 0.8]), travel: 3e38 });
-    far.strokes[2] = Some(Stroke { start: Vector([0.0; 2]), direction: Vector([1.0, 0.0]), travel: 1e-30 });
+    far.strokes[1] =
+        Some(Stroke { start: Vector([3e38, -3e38]), direction: Vector([0.6, 0.8]), travel: 3e38 });
+    far.strokes[2] =
+        Some(Stroke { start: Vector([0.0; 2]), direction: Vector([1.0, 0.0]), travel: 1e-30 });
     for noise in [1e-30, 1e-6, 1e30] {
         for criterion in [Criterion::Information, Criterion::VarianceSum] {
             let choice = choose(&mut tracker.foresee(None).unwrap(), &[far], criterion, noise);
@@ -260,5 +266,8 @@ fn extremes_are_worth_nothing_or_something() {
         }
     }
     let none: [Candidate<Planar>; 0] = [];
-    assert_eq!(choose(&mut tracker.foresee(None).unwrap(), &none, Criterion::Information, NOISE), None);
+    assert_eq!(
+        choose(&mut tracker.foresee(None).unwrap(), &none, Criterion::Information, NOISE),
+        None
+    );
 }

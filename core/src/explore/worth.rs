@@ -15,7 +15,8 @@ pub struct Doubts {
 
 impl Doubts {
     /// Nothing in doubt.
-    pub const NONE: Self = Doubts { all: [[0.0; FINGERS]; FINGERS], pose: [[0.0; FINGERS]; FINGERS] };
+    pub const NONE: Self =
+        Doubts { all: [[0.0; FINGERS]; FINGERS], pose: [[0.0; FINGERS]; FINGERS] };
 
     /// Probability that contact `i` comes about: that the distance errs by less than the `depth` to
     /// which the finger would go (metres).

@@ -1,7 +1,5 @@
 //! An array of electrodes under a fluid-filled skin: impedances to contacts.
 
-use heapless::Vec;
-
 use super::detection::{Detector, Hysteresis, Phase, Sampling, Tare, Window};
 use super::fingertip::{Edge, Fingertip, Patch, Shape};
 use super::{
@@ -238,23 +236,30 @@ impl Default for ElectrodeEstimator {
     }
 }
 
-/// An electrode whose change is above the noise.
+/// Which electrodes change by more than the noise, and by how much.
 #[derive(Clone, Copy)]
-struct Change {
-    /// The skin above it.
-    above: Vector<3>,
-    /// Relative change of its impedance.
-    value: f32,
-    /// Its variance over its square.
-    doubt: f32,
-}
-
-/// What changes, and by how much.
 struct Changes {
-    list: Vec<Change, ELECTRODES>,
-    /// Sum of the relative changes.
+    /// Such electrodes, a bit each.
+    set: u32,
+    /// Sum of their relative changes.
     level: f32,
     largest: f32,
+    /// One over the readings averaged.
+    share: f32,
+    /// Standard deviation of the average times the full scale, words².
+    noise: f32,
+}
+
+impl Changes {
+    /// The electrodes' numbers.
+    fn electrodes(&self) -> impl Iterator<Item = usize> {
+        let mut left = self.set;
+        core::iter::from_fn(move || {
+            let next = left.trailing_zeros() as usize;
+            left &= left.wrapping_sub(1);
+            (next < ELECTRODES).then_some(next)
+        })
+    }
 }
 
 impl ElectrodeEstimator {
@@ -309,25 +314,32 @@ impl ElectrodeEstimator {
         // The baseline is as uncertain as the mean of the readings that made it.
         let variance = share + 1.0 / self.settings.sampling.tare as f32;
         let noise = self.settings.noise * math::sqrt(variance) * full;
-        let mut changes = Changes { list: Vec::new(), level: 0.0, largest: 0.0 };
-        let sums = self.window.sums().iter().zip(&self.conductance);
-        for ((sum, conductance), above) in sums.zip(&self.above) {
-            // The change is R/R₀ − 1 = rise/w and its deviation spread/w², since
+        let floor = NOISE_FLOOR * noise;
+        let mut changes = Changes { set: 0, level: 0.0, largest: 0.0, share, noise };
+        for (k, (sum, conductance)) in self.window.sums().iter().zip(&self.conductance).enumerate()
+        {
+            // The change is R/R₀ − 1 = rise/w and its deviation noise·conductance/w², since
             // d(R/R₀)/dw = −(full/w)·(conductance/w): most electrodes rest and need no division.
             let word = *sum as f32 * share;
             let rise = (full - word) * conductance - word;
-            let (rose, spread) = (rise * word, noise * conductance);
-            if rose > NOISE_FLOOR * spread {
+            if rise * word > floor * conductance {
                 let value = rise / word;
-                let relative = spread / rose;
+                changes.set |= 1 << k;
                 changes.level += value;
                 changes.largest = math::max(changes.largest, value);
-                // As many as there are electrodes, so that there is room.
-                let change = Change { above: *above, value, doubt: relative * relative };
-                let _ = changes.list.push(change);
             }
         }
         changes
+    }
+
+    /// Relative change of one electrode, and its variance over its square.
+    #[inline]
+    fn change(&self, electrode: usize, changes: &Changes) -> (f32, f32) {
+        let word = self.window.sums()[electrode] as f32 * changes.share;
+        let conductance = self.conductance[electrode];
+        let rise = (self.settings.full_scale as f32 - word) * conductance - word;
+        let relative = changes.noise * conductance / (rise * word);
+        (rise / word, relative * relative)
     }
 
     /// While nothing touches, the baseline goes after the words.
@@ -347,8 +359,8 @@ impl ElectrodeEstimator {
     fn locate(&self, changes: &Changes) -> Result<Touch, NoContact> {
         let settings = &self.settings;
         let fingertip = &settings.fingertip;
-        let mean = weighted_mean(changes.list.iter().map(|c| (c.value, c.above)))
-            .ok_or(NoContact::TooLight)?;
+        let rising = changes.electrodes().map(|k| (self.change(k, changes).0, self.above[k]));
+        let mean = weighted_mean(rising).ok_or(NoContact::TooLight)?;
         let start = fingertip.project(mean).ok_or(NoContact::IllConditioned)?;
         let fit = self.fit(changes, &start);
         if fit.freedom > 0.0 && fit.misfit > MISFIT * fit.freedom {
@@ -388,11 +400,15 @@ impl ElectrodeEstimator {
         let (mut pp, mut pq, mut qq, mut py, mut qy, mut yy) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         let floor = FAINT * changes.largest;
         let mismatch = settings.mismatch * settings.mismatch;
-        for change in changes.list.iter().filter(|change| change.value > floor) {
-            let away = change.above - start.point;
-            let w = 1.0 / (change.doubt + mismatch);
+        for k in changes.electrodes() {
+            let (change, doubt) = self.change(k, changes);
+            if !(change > floor) {
+                continue;
+            }
+            let away = self.above[k] - start.point;
+            let w = 1.0 / (doubt + mismatch);
             let (a, b) = (inverse * u.dot(away), inverse * v.dot(away));
-            let c = math::ln(change.value) + 0.5 * inverse * away.norm_squared();
+            let c = math::ln(change) + 0.5 * inverse * away.norm_squared();
             weight += w;
             used += 1.0;
             let (wa, wb, wc) = (w * a, w * b, w * c);

@@ -15,8 +15,8 @@ use super::Error;
 use super::slam::Input;
 use super::terminal::{Progress, note, say, tell, tell_report};
 use crate::graph::{self, joint};
-use crate::link::lesson::Lesson;
 use crate::link::firmware::{self, Machine};
+use crate::link::lesson::Lesson;
 use crate::link::qemu::Qemu;
 use crate::link::session::{SensedError, settings_for, steps};
 use crate::link::tcp::Tcp;
@@ -271,7 +271,11 @@ fn create(path: &Path) -> Result<File, Error> {
 }
 
 /// Reaches the board that follows objects so, or starts one.
-pub(super) fn connect(port: &Port, tracker: Kind, dimension: usize) -> Result<Box<dyn Link>, Error> {
+pub(super) fn connect(
+    port: &Port,
+    tracker: Kind,
+    dimension: usize,
+) -> Result<Box<dyn Link>, Error> {
     let name = tracker.name();
     let none = || Error::Input(format!("--tracker {name}: no board carries it in {dimension}D"));
     let tracker = tracker.on_board().ok_or_else(none)?;

@@ -13,10 +13,10 @@ use tactile_core::contact::{Contact, FreePoint};
 use tactile_core::explore::{Candidate, CandidateError, Criterion};
 use tactile_core::track::{MotionNoise, Observability, Status};
 use tactile_core::wire::{
-    Arrival, CandidateFrame, ChoiceFrame, Clock, Command, ContactFrame, Counters, Decoder, EstimateFrame, FaceFrame,
-    FingerFrame, FingertipFrame, Frame, FrameError, FreeFrame, Health, Hello, MAX_FRAME, ModeFrame,
-    MotionFrame, PROTOCOL, Refusal, Report, SensorFrame, SensorPart, Settings, Topic, WireSpace,
-    WordsFrame, encode,
+    Arrival, CandidateFrame, ChoiceFrame, Clock, Command, ContactFrame, Counters, Decoder,
+    EstimateFrame, FaceFrame, FingerFrame, FingertipFrame, Frame, FrameError, FreeFrame, Health,
+    Hello, MAX_FRAME, ModeFrame, MotionFrame, PROTOCOL, Refusal, Report, SensorFrame, SensorPart,
+    Settings, Topic, WireSpace, WordsFrame, encode,
 };
 
 use super::Link;

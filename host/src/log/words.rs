@@ -187,10 +187,12 @@ impl Sensors {
             }
             Kind::Electrodes => {
                 parts.extend([SensorPart::Electrodes, skin]);
-                parts.extend(BIOTAC_SKIN.edge.map(|edge| SensorPart::Edge {
-                    normal: edge.normal.0,
-                    offset: edge.offset,
-                }));
+                parts.extend(
+                    BIOTAC_SKIN.edge.map(|edge| SensorPart::Edge {
+                        normal: edge.normal.0,
+                        offset: edge.offset,
+                    }),
+                );
                 parts.push(sampling(ElectrodeSettings::BIOTAC.sampling));
             }
         }
@@ -289,7 +291,8 @@ impl Words {
     pub fn fingertip(&self) -> Option<Pose> {
         let [x, y, z, w] = self.rotation;
         let turn = Quaternion::new(w, x, y, z);
-        let usable = (turn.norm() - 1.0).abs() < 1e-3 && Point::from(self.translation).iter().all(|v| v.is_finite());
+        let usable = (turn.norm() - 1.0).abs() < 1e-3
+            && Point::from(self.translation).iter().all(|v| v.is_finite());
         usable.then(|| {
             let at = Translation3::from(Point::from(self.translation));
             Pose::from_parts(at, UnitQuaternion::new_normalize(turn))

@@ -80,7 +80,8 @@ impl<
             }
             _ => self.particles.mean(),
         };
-        let noise = self.running.as_ref().map_or(Settings::DEFAULT.motion, |running| running.motion);
+        let noise =
+            self.running.as_ref().map_or(Settings::DEFAULT.motion, |running| running.motion);
         let noise = noise.after_losing(self.lost);
         for i in 0..S::FREEDOM {
             let deviation = if i < S::DIMENSION { noise.translation } else { noise.rotation };

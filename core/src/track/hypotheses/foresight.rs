@@ -130,7 +130,8 @@ impl<S: Chart, const FACES: usize, const ROWS: usize, const PACKED: usize, const
         for k in 1..=DEPTHS {
             let point = way.at(from + step * k as f32);
             let mut depth = f32::INFINITY;
-            for (plane, record) in self.best.planes[..self.best.faces].iter().zip(&self.best.records)
+            for (plane, record) in
+                self.best.planes[..self.best.faces].iter().zip(&self.best.records)
             {
                 if !record.is_reentrant() {
                     depth = math::min(depth, -plane.height(point));

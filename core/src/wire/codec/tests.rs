@@ -265,10 +265,7 @@ fn golden() -> Vec<(&'static str, Vec<u8>)> {
             wire(11, 11, R::Reply(Reply { to: 5, refusal: Some(Refusal::Singular) })),
         ),
         ("consider 3d", consider(&candidate::<Spatial>(&motion))),
-        (
-            "consider 2d",
-            consider(&candidate::<Planar>(&PlanarPose::new(Vector([0.1, -0.2]), 2.5))),
-        ),
+        ("consider 2d", consider(&candidate::<Planar>(&PlanarPose::new(Vector([0.1, -0.2]), 2.5))),),
         (
             "query best candidate",
             wire(8, 8, C::Query(Topic::BestCandidate(Criterion::VarianceSum))),
@@ -654,7 +651,7 @@ proptest! {
     }
 
     #[test]
-    fn random_payloads_never_panic(payload in proptest::collection::vec(any::<u8>(), 0..140), tag in 0u8..16) {
+    fn random_payloads_never_panic(payload in proptest::collection::vec(any::<u8>(), 0..140), tag in 0u8..18) {
         let mut payload = payload;
         if let Some(t) = payload.get_mut(5) { *t = tag; }
         let mut out = [0; MAX_FRAME];
