@@ -12,20 +12,21 @@ use heapless::Vec;
 
 use crate::contact::Grasp;
 use crate::driver::DriverError;
+use crate::explore::{Candidate, Candidates, Choice, Criterion, ListError};
 use crate::track::{Modes, MotionNoise, Tracker};
 use crate::wire::{
-    Arrival, BoardKind, Clock, Command, ContactFrame, Decoder, EstimateFrame, FaceFrame,
-    FaceSummary, Frame, FrameError, Health, Hello, MAX_FRAME, ModeFrame, PROTOCOL, Received,
-    Refusal, Reply, Report, Settings, Topic, TrackerKind, WireSpace, WordsFrame, encode,
+    Arrival, BoardKind, ChoiceFrame, Clock, Command, ContactFrame, Decoder, EstimateFrame,
+    FaceFrame, FaceSummary, Frame, FrameError, Health, Hello, MAX_FRAME, ModeFrame, PROTOCOL,
+    Received, Refusal, Reply, Report, Settings, Topic, TrackerKind, WireSpace, WordsFrame, encode,
 };
 
 pub use fingers::Fingers;
 pub use sampling::{Reading, Sample, Scripted, Sensing, Watched};
 pub use trackers::{
-    CONTACTS, FINGERS, PlanarDevice, PlanarHypotheses, PlanarHypothesesDevice, PlanarMap,
-    PlanarRaoBlackwell, PlanarRaoBlackwellDevice, PlanarTracker, SpatialDevice, SpatialHypotheses,
-    SpatialHypothesesDevice, SpatialMap, SpatialRaoBlackwell, SpatialRaoBlackwellDevice,
-    SpatialSensingDevice, SpatialTracker,
+    CANDIDATES, CONTACTS, FINGERS, PlanarDevice, PlanarHypotheses, PlanarHypothesesDevice,
+    PlanarMap, PlanarRaoBlackwell, PlanarRaoBlackwellDevice, PlanarTracker, SpatialDevice,
+    SpatialHypotheses, SpatialHypothesesDevice, SpatialMap, SpatialRaoBlackwell,
+    SpatialRaoBlackwellDevice, SpatialSensingDevice, SpatialTracker,
 };
 
 /// What a device needs of the hardware.
@@ -110,6 +111,22 @@ pub trait Onboard<S: WireSpace>: Tracker<S> {
     fn learn(&mut self, _face: &FaceSummary<S>) -> Result<(), Refusal> {
         Err(Refusal::Fixed)
     }
+
+    /// Which of some grasps, at least one, is worth most when the object is moved by `motion` before
+    /// it (see [`crate::explore`]); `noise` is the deviation of a contact's point, metres.
+    ///
+    /// # Errors
+    /// [`Refusal::NoForesight`] where the tracker cannot tell, [`Refusal::NoShape`] before it has felt
+    /// anything, [`Refusal::NoCandidate`].
+    fn choose(
+        &mut self,
+        _motion: Option<&S::Pose>,
+        _candidates: &[Candidate<S>],
+        _criterion: Criterion,
+        _noise: f32,
+    ) -> Result<Choice, Refusal> {
+        Err(Refusal::NoForesight)
+    }
 }
 
 /// A tracker behind a link. `CONTACTS` contacts, and as many free points, fit in one grasp.
@@ -121,7 +138,9 @@ pub trait Onboard<S: WireSpace>: Tracker<S> {
 /// * before the first `Hello` everything else is refused;
 /// * a second motion, a contact beyond `CONTACTS` and impossible settings are refused;
 /// * a commit without contacts is an empty grasp: the tracker only predicts;
-/// * a belief and faces that a host knows better are taken by trackers that can, and refused otherwise.
+/// * a belief and faces that a host knows better are taken by trackers that can, and refused otherwise;
+/// * candidates are a list for the next grasp, of at most [`CANDIDATES`]: whatever changes the belief
+///   forgets it, and one that cannot be used is refused and leaves it as it was.
 ///
 /// A device with `FINGERS` sensors also estimates contacts from what its [`Board`] samples. Those
 /// felt when a grasp is committed are part of it, of each finger of which the host has sent none.
@@ -135,6 +154,7 @@ pub struct Device<T, S: WireSpace, const CONTACTS: usize, const FINGERS: usize =
     health: Health,
     estimate: Option<EstimateFrame<S>>,
     modes: Modes<S>,
+    candidates: Candidates<S, CANDIDATES>,
     fingers: Fingers<S, FINGERS>,
     answer: Answer<S>,
     /// Whether a host has said `Hello`.
@@ -184,6 +204,7 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize, const FINGERS: usize>
             health: Health::NONE,
             estimate: None,
             modes: Modes::NONE,
+            candidates: Candidates::new(),
             fingers: Fingers::new(),
             answer: Answer { bytes: Vec::new(), to: 0, next: 0, space: PhantomData },
             greeted: false,
@@ -334,12 +355,33 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize, const FINGERS: usize>
                     self.start();
                 }
                 self.tracker.believe(&pose, &covariance)?;
+                self.candidates.clear();
                 self.modes = Modes::one(pose);
             }
             Command::Face(frame) => self.tracker.learn(&frame.face())?,
             Command::Query(Topic::Finger(number)) => {
                 let finger = self.fingers.report(number).ok_or(Refusal::NoSuch)?;
                 self.answer.add(board.now(), Report::Finger(finger));
+            }
+            Command::Query(Topic::BestCandidate(criterion)) => {
+                let candidates = self.candidates.as_slice();
+                if candidates.is_empty() {
+                    return Err(Refusal::NoCandidate);
+                }
+                let noise = self.settings.unwrap_or(Settings::DEFAULT).point;
+                let motion = self.motion.as_ref();
+                let choice = self.tracker.choose(motion, candidates, criterion, noise)?;
+                let frame = ChoiceFrame::new(&choice, criterion);
+                self.answer.add(board.now(), Report::Choice(frame));
+            }
+            Command::Consider(frame) => {
+                let candidate = frame.candidate().map_err(|_| Refusal::Candidate)?;
+                self.candidates.put(frame.number.into(), candidate).map_err(
+                    |error| match error {
+                        ListError::Gap => Refusal::NoSuch,
+                        ListError::Full => Refusal::TooMany,
+                    },
+                )?;
             }
             Command::FingertipPose(frame) => self.fingers.place(&frame)?,
             Command::Sensor(frame) => self.fingers.tell(&frame)?,
@@ -375,6 +417,7 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize, const FINGERS: usize>
         self.health.update = spent;
         self.health.worst_update = self.health.worst_update.max(spent);
         self.grasp.clear();
+        self.candidates.clear();
         self.motion = None;
         let frame = EstimateFrame::new(&estimate);
         self.estimate = Some(frame);
@@ -412,6 +455,7 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize, const FINGERS: usize>
 
     fn reset(&mut self) {
         self.grasp.clear();
+        self.candidates.clear();
         self.motion = None;
         self.estimate = None;
         self.modes = Modes::NONE;

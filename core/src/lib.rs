@@ -9,6 +9,7 @@
 //! ```text
 //! contact::Contact → contact::Grasp → track::Tracker → track::Estimate → wire::Frame
 //!                                       │ surface::Gpis + pose belief
+//!                                       └ explore::choose: the grasp to make next
 //! ```
 //!
 //! Everything is generic over [`space::Space`]: [`space::Planar`] (three degrees of freedom) and
@@ -26,6 +27,7 @@ extern crate std;
 pub mod contact;
 pub mod device;
 pub mod driver;
+pub mod explore;
 pub mod math;
 pub mod matrix;
 pub mod random;

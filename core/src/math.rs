@@ -171,6 +171,18 @@ pub fn atan2(y: f32, x: f32) -> f32 {
     if y < 0.0 { -angle } else { angle }
 }
 
+/// The standard normal density at `z`, and the distribution function there (absolute error below
+/// 10⁻⁶; Abramowitz and Stegun 26.2.17).
+pub fn normal(z: f32) -> (f32, f32) {
+    let density = 0.398_942_3 * exp(-0.5 * z * z);
+    let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
+    let tail = density
+        * t
+        * (0.319_381_53
+            + t * (-0.356_563_78 + t * (1.781_477_9 + t * (-1.821_256 + t * 1.330_274_4))));
+    (density, if z < 0.0 { tail } else { 1.0 - tail })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

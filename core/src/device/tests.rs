@@ -5,12 +5,13 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::contact::{Contact, GraspView};
+use crate::explore::Stroke;
 use crate::matrix::{Coordinates, Square, Vector};
 use crate::space::{Planar, PlanarPose, Pose};
 
 use crate::surface::Gpis;
 use crate::track::{Bootstrap, Estimate, Hypotheses, Modes, Observability, RaoBlackwell, Status};
-use crate::wire::{BeliefFrame, ContactFrame};
+use crate::wire::{BeliefFrame, CandidateFrame, ContactFrame};
 
 /// Composes the motions and counts what it is given.
 struct Counting {
@@ -416,6 +417,156 @@ fn a_host_that_knows_better_is_believed() {
     let apart = moved.local(&estimate.pose().unwrap());
     assert!(apart.norm() < 0.02, "{apart:?}");
     assert_eq!((estimate.status(), estimate.grasp), (Status::Tracking, 0));
+}
+
+/// A pinch of two fingers from both sides along `along`, about the world's origin.
+fn pinch(along: [f32; 2]) -> Candidate<Planar> {
+    let along = Vector(along);
+    let mut pinch = Candidate::new(PlanarPose::IDENTITY);
+    for (finger, side) in [1.0, -1.0].into_iter().enumerate() {
+        let start = along * (0.1 * side);
+        pinch.strokes[finger] = Some(Stroke { start, direction: along * -side, travel: 0.1 });
+    }
+    pinch
+}
+
+fn consider(number: u8, candidate: &Candidate<Planar>) -> Command<Planar> {
+    Command::Consider(CandidateFrame::new(number, candidate).unwrap())
+}
+
+/// Says something to a board, and what it answers.
+struct Talk<T, const CONTACTS: usize> {
+    device: Box<Device<T, Planar, CONTACTS>>,
+    board: Bench,
+    decoder: Decoder<Report<Planar>>,
+    next: u8,
+}
+
+impl<T: Onboard<Planar>, const CONTACTS: usize> Talk<T, CONTACTS> {
+    fn new(device: Device<T, Planar, CONTACTS>) -> Self {
+        let (device, decoder) = (Box::new(device), Decoder::new());
+        let mut talk = Talk { device, board: Bench::default(), decoder, next: 0 };
+        talk.say(Command::Hello { protocol: PROTOCOL });
+        talk
+    }
+
+    fn say(&mut self, message: Command<Planar>) -> Vec<Report<Planar>> {
+        let mut buffer = [0; MAX_FRAME];
+        let frame = Frame { sequence: self.next, time: Clock(0), message };
+        self.next = self.next.wrapping_add(1);
+        self.board.sent.clear();
+        self.device.take(encode(&frame, &mut buffer).unwrap(), &mut self.board);
+        let frames = self.board.sent.iter().filter_map(|b| self.decoder.push(*b));
+        frames.map(|f| f.unwrap().frame.message).collect()
+    }
+
+    fn refusal(&mut self, message: Command<Planar>) -> Option<Refusal> {
+        match self.say(message).last() {
+            Some(Report::Reply(reply)) => reply.refusal,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn choice(&mut self, criterion: Criterion) -> Result<ChoiceFrame, Refusal> {
+        match self.say(Command::Query(Topic::BestCandidate(criterion)))[..] {
+            [Report::Choice(choice), Report::Reply(Reply { refusal: None, .. })] => Ok(choice),
+            [Report::Reply(Reply { refusal: Some(refusal), .. })] => Err(refusal),
+            ref other => panic!("{other:?}"),
+        }
+    }
+
+    /// A slab of 40 mm that was felt above and below.
+    fn feel(&mut self) {
+        for (x, y) in [(-0.01, 1.0f32), (0.01, 1.0), (-0.01, -1.0), (0.01, -1.0)] {
+            let contact = Contact {
+                point: Vector([x, 0.02 * y]),
+                normal: Some(Vector([0.0, y])),
+                point_deviation: 1e-3,
+                normal_deviation: Settings::DEFAULT.normal,
+                finger: 0,
+            };
+            let frame = ContactFrame::new(&contact, Settings::DEFAULT.normal);
+            assert_eq!(self.refusal(Command::Contact(frame)), None);
+        }
+        self.say(Command::Commit);
+    }
+}
+
+fn a_board_chooses<T: Onboard<Planar>>(device: Device<T, Planar, 16>) {
+    let mut talk = Talk::new(device);
+    let (felt, untouched) = (pinch([0.0, 1.0]), pinch([1.0, 0.0]));
+    let steady = Settings { translation: 1e-3, rotation: 0.02, ..Settings::DEFAULT };
+    talk.say(Command::Configure(steady));
+    assert_eq!(talk.choice(Criterion::Information), Err(Refusal::NoCandidate));
+    assert_eq!(talk.refusal(consider(0, &felt)), None);
+    assert_eq!(talk.choice(Criterion::Information), Err(Refusal::NoShape));
+    // What is felt is about another belief than the list was.
+    talk.feel();
+    assert_eq!(talk.choice(Criterion::Information), Err(Refusal::NoCandidate));
+    assert_eq!(talk.refusal(consider(0, &felt)), None);
+    let alone = talk.choice(Criterion::Information).unwrap();
+    assert_eq!((alone.number, alone.considered, alone.contacts), (0, 1, 2));
+    assert_eq!(talk.refusal(consider(1, &untouched)), None);
+    for criterion in [Criterion::Information, Criterion::VarianceSum] {
+        let choice = talk.choice(criterion).unwrap();
+        assert_eq!((choice.number, choice.considered, choice.criterion), (1, 2, criterion));
+        assert!(choice.gain.is_finite() && choice.gain > 0.0);
+        assert_eq!(talk.choice(criterion), Ok(choice));
+    }
+    let choice = talk.choice(Criterion::Information).unwrap();
+    assert!(choice.gain > alone.gain);
+
+    // A gap, more than there is room for, one that cannot be: the list stays as it was.
+    assert_eq!(talk.refusal(consider(3, &felt)), Some(Refusal::NoSuch));
+    let mut bad = CandidateFrame::new(1, &felt).unwrap();
+    bad.hand[0] = f32::NAN;
+    assert_eq!(talk.refusal(Command::Consider(bad)), Some(Refusal::Candidate));
+    bad = CandidateFrame::new(1, &felt).unwrap();
+    bad.strokes = [None; 5];
+    assert_eq!(talk.refusal(Command::Consider(bad)), Some(Refusal::Candidate));
+    assert_eq!(talk.choice(Criterion::Information), Ok(choice));
+    for number in 2..16 {
+        assert_eq!(talk.refusal(consider(number, &felt)), None);
+    }
+    assert_eq!(talk.refusal(consider(16, &untouched)), Some(Refusal::TooMany));
+    let of_sixteen = talk.choice(Criterion::Information).unwrap();
+    assert_eq!((of_sixteen.number, of_sixteen.considered), (1, 16));
+    assert_eq!(of_sixteen.gain, choice.gain);
+    // The first of equals, and a replaced one counts as it is now.
+    assert_eq!(talk.refusal(consider(1, &felt)), None);
+    let equal = talk.choice(Criterion::Information).unwrap();
+    assert_eq!((equal.number, equal.gain), (0, alone.gain));
+
+    // Number 0 begins anew; what misses the object is worth nothing and is chosen if it must be.
+    let mut miss = pinch([1.0, 0.0]);
+    miss.hand = PlanarPose::new(Vector([0.0, 0.7]), 0.0);
+    assert_eq!(talk.refusal(consider(0, &miss)), None);
+    let missed = talk.choice(Criterion::Information).unwrap();
+    assert_eq!((missed.number, missed.considered), (0, 1));
+    assert_eq!((missed.contacts, missed.gain), (0, 0.0));
+    // A motion that has been told moves the object under the hand.
+    let motion = PlanarPose::new(Vector([0.0, 0.7]), 0.0);
+    talk.say(Command::Motion(crate::wire::MotionFrame::new(&motion)));
+    assert!(talk.choice(Criterion::Information).unwrap().gain > alone.gain);
+    talk.say(Command::Reset);
+    assert_eq!(talk.choice(Criterion::Information), Err(Refusal::NoCandidate));
+}
+
+#[test]
+fn hypotheses_choose_where_nothing_was_touched() {
+    a_board_chooses(PlanarHypothesesDevice::START);
+}
+
+#[test]
+fn a_map_chooses_where_nothing_was_touched() {
+    a_board_chooses(PlanarDevice::START);
+}
+
+#[test]
+fn a_tracker_without_foresight_says_so() {
+    let mut talk = Talk::new(Device::<_, Planar, 3>::new(Counting::new()));
+    assert_eq!(talk.refusal(consider(0, &pinch([1.0, 0.0]))), None);
+    assert_eq!(talk.choice(Criterion::Information), Err(Refusal::NoForesight));
 }
 
 #[test]

@@ -2,6 +2,7 @@
 //! STM32F405's memory and time. A virtual board carries the same.
 
 use super::{Device, Onboard};
+use crate::explore::{self, Candidate, Choice, Criterion};
 use crate::math;
 use crate::matrix::Square;
 use crate::space::{Planar, Spatial};
@@ -19,6 +20,8 @@ const LENGTHSCALE: f32 = 0.1;
 
 /// Contacts, and free points, that one grasp may have.
 pub const CONTACTS: usize = 16;
+/// Candidates among which a board chooses the next grasp.
+pub const CANDIDATES: usize = 16;
 const PLANAR_MAP: usize = 40;
 const PLANAR_ROWS: usize = 3 * PLANAR_MAP;
 const SPATIAL_MAP: usize = 33;
@@ -117,6 +120,17 @@ impl<S: WireSpace, const SITES: usize, const ROWS: usize, const PACKED: usize, c
             Training::Normals,
         );
     }
+
+    fn choose(
+        &mut self,
+        motion: Option<&S::Pose>,
+        candidates: &[Candidate<S>],
+        criterion: Criterion,
+        noise: f32,
+    ) -> Result<Choice, Refusal> {
+        let mut belief = self.foresee(motion).ok_or(Refusal::NoShape)?;
+        explore::choose(&mut belief, candidates, criterion, noise).ok_or(Refusal::NoCandidate)
+    }
 }
 
 impl<
@@ -162,6 +176,17 @@ impl<
             contacts: face.contacts,
         };
         Hypotheses::learn(self, &told).map_err(refusal)
+    }
+
+    fn choose(
+        &mut self,
+        motion: Option<&S::Pose>,
+        candidates: &[Candidate<S>],
+        criterion: Criterion,
+        noise: f32,
+    ) -> Result<Choice, Refusal> {
+        let mut belief = self.foresee(motion).ok_or(Refusal::NoShape)?;
+        explore::choose(&mut belief, candidates, criterion, noise).ok_or(Refusal::NoCandidate)
     }
 }
 

@@ -161,13 +161,18 @@ pub fn centroid(
     changes: &[f32; ELECTRODES],
     positions: &[Vector<3>; ELECTRODES],
 ) -> Option<Vector<3>> {
-    let (mut sum, mut weight) = (Vector::<3>::ZERO, 0.0);
-    for (change, position) in changes.iter().zip(positions) {
-        sum += *position * change.abs();
-        weight += change.abs();
+    weighted_mean(changes.iter().map(|change| change.abs()).zip(positions.iter().copied()))
+}
+
+/// The mean of some positions, weighted.
+fn weighted_mean(weighted: impl Iterator<Item = (f32, Vector<3>)>) -> Option<Vector<3>> {
+    let (mut sum, mut all) = (Vector::<3>::ZERO, 0.0);
+    for (weight, position) in weighted {
+        sum += position * weight;
+        all += weight;
     }
-    let mean = sum * (1.0 / weight);
-    (weight > 0.0 && mean.is_finite()).then_some(mean)
+    let mean = sum * (1.0 / all);
+    (all > 0.0 && mean.is_finite()).then_some(mean)
 }
 
 /// Electrodes that change by less than this share of the strongest say little about where it is.
@@ -231,14 +236,30 @@ impl Default for ElectrodeEstimator {
     }
 }
 
-/// Relative changes of impedance, and what noise makes of them.
+/// Which electrodes change by more than the noise, and by how much.
+#[derive(Clone, Copy)]
 struct Changes {
-    values: [f32; ELECTRODES],
-    /// Standard deviations.
-    noise: [f32; ELECTRODES],
-    /// Sum of those above the noise.
+    /// Such electrodes, a bit each.
+    set: u32,
+    /// Sum of their relative changes.
     level: f32,
     largest: f32,
+    /// One over the readings averaged.
+    share: f32,
+    /// Standard deviation of the average times the full scale, words².
+    noise: f32,
+}
+
+impl Changes {
+    /// The electrodes' numbers.
+    fn electrodes(&self) -> impl Iterator<Item = usize> {
+        let mut left = self.set;
+        core::iter::from_fn(move || {
+            let next = left.trailing_zeros() as usize;
+            left &= left.wrapping_sub(1);
+            (next < ELECTRODES).then_some(next)
+        })
+    }
 }
 
 impl ElectrodeEstimator {
@@ -293,26 +314,32 @@ impl ElectrodeEstimator {
         // The baseline is as uncertain as the mean of the readings that made it.
         let variance = share + 1.0 / self.settings.sampling.tare as f32;
         let noise = self.settings.noise * math::sqrt(variance) * full;
-        let mut changes = Changes {
-            values: [0.0; ELECTRODES],
-            noise: [0.0; ELECTRODES],
-            level: 0.0,
-            largest: 0.0,
-        };
-        for k in 0..ELECTRODES {
-            let word = self.window.sums()[k] as f32 * share;
-            let ratio = self.conductance[k] / word;
-            let value = (full - word) * ratio - 1.0;
-            // d(R/R₀)/dw = −(full/w)·(ratio).
-            let deviation = noise * ratio / word;
-            if value > NOISE_FLOOR * deviation {
-                changes.values[k] = value;
+        let floor = NOISE_FLOOR * noise;
+        let mut changes = Changes { set: 0, level: 0.0, largest: 0.0, share, noise };
+        for (k, (sum, conductance)) in self.window.sums().iter().zip(&self.conductance).enumerate()
+        {
+            // The change is R/R₀ − 1 = rise/w and its deviation noise·conductance/w², since
+            // d(R/R₀)/dw = −(full/w)·(conductance/w): most electrodes rest and need no division.
+            let word = *sum as f32 * share;
+            let rise = (full - word) * conductance - word;
+            if rise * word > floor * conductance {
+                let value = rise / word;
+                changes.set |= 1 << k;
                 changes.level += value;
                 changes.largest = math::max(changes.largest, value);
             }
-            changes.noise[k] = deviation;
         }
         changes
+    }
+
+    /// Relative change of one electrode, and its variance over its square.
+    #[inline]
+    fn change(&self, electrode: usize, changes: &Changes) -> (f32, f32) {
+        let word = self.window.sums()[electrode] as f32 * changes.share;
+        let conductance = self.conductance[electrode];
+        let rise = (self.settings.full_scale as f32 - word) * conductance - word;
+        let relative = changes.noise * conductance / (rise * word);
+        (rise / word, relative * relative)
     }
 
     /// While nothing touches, the baseline goes after the words.
@@ -332,7 +359,8 @@ impl ElectrodeEstimator {
     fn locate(&self, changes: &Changes) -> Result<Touch, NoContact> {
         let settings = &self.settings;
         let fingertip = &settings.fingertip;
-        let mean = centroid(&changes.values, &self.above).ok_or(NoContact::TooLight)?;
+        let rising = changes.electrodes().map(|k| (self.change(k, changes).0, self.above[k]));
+        let mean = weighted_mean(rising).ok_or(NoContact::TooLight)?;
         let start = fingertip.project(mean).ok_or(NoContact::IllConditioned)?;
         let fit = self.fit(changes, &start);
         if fit.freedom > 0.0 && fit.misfit > MISFIT * fit.freedom {
@@ -371,14 +399,14 @@ impl ElectrodeEstimator {
         let (mut p, mut q, mut y) = (0.0, 0.0, 0.0);
         let (mut pp, mut pq, mut qq, mut py, mut qy, mut yy) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         let floor = FAINT * changes.largest;
-        for k in 0..ELECTRODES {
-            let change = changes.values[k];
+        let mismatch = settings.mismatch * settings.mismatch;
+        for k in changes.electrodes() {
+            let (change, doubt) = self.change(k, changes);
             if !(change > floor) {
                 continue;
             }
             let away = self.above[k] - start.point;
-            let relative = changes.noise[k] / change;
-            let w = 1.0 / (relative * relative + settings.mismatch * settings.mismatch);
+            let w = 1.0 / (doubt + mismatch);
             let (a, b) = (inverse * u.dot(away), inverse * v.dot(away));
             let c = math::ln(change) + 0.5 * inverse * away.norm_squared();
             weight += w;

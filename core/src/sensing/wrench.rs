@@ -59,10 +59,14 @@ impl WrenchSettings {
             torsion: 2e-3,
             precision: 2.5e-3,
             detection: Hysteresis { begin: 0.15, end: 0.08, begin_readings: 3, end_readings: 3 },
-            sampling: Sampling { window: 8, gap: 20_000, tare: 256, spread: 1 << 20 },
+            sampling: Self::NANO17_SAMPLING,
             drift: 1e-4,
         }
     }
+
+    /// Its averaging and taring, at a reading a millisecond.
+    pub const NANO17_SAMPLING: Sampling =
+        Sampling { window: 8, gap: 20_000, tare: 256, spread: 1 << 20 };
 
     const UNSET: Self = WrenchSettings {
         gauges: GaugeCalibration::UNSET,

@@ -13,6 +13,7 @@
 //! points with opposite normals leave the slope between them undecided.
 
 mod bound;
+mod joint;
 mod revise;
 mod spheres;
 
@@ -238,14 +239,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     /// Posterior variance of f at `point`, square metres, exactly (thesis 2.14): about n²/2
     /// multiplications and `ROWS` numbers of stack.
     pub fn variance(&self, point: S::Vector) -> f32 {
-        let explained = self.explained(point, |site, d, radial, row| {
-            row[0] = radial.k;
-            if site.slope {
-                for j in 0..S::DIMENSION {
-                    row[1 + j] = -radial.a * d[j];
-                }
-            }
-        });
+        let explained = self.explained(point, Self::with_value);
         (self.kernel.variance() - explained).max(0.0)
     }
 
@@ -273,14 +267,33 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         fill: impl Fn(&Site<S>, S::Vector, Radial, &mut [f32]),
     ) -> f32 {
         let mut row = [0.0; ROWS];
+        self.whiten(point, &mut row, fill);
+        row[..self.factor.rows()].iter().map(|v| v * v).sum()
+    }
+
+    /// Covariances of f with a site's rows.
+    fn with_value(site: &Site<S>, d: S::Vector, radial: Radial, row: &mut [f32]) {
+        row[0] = radial.k;
+        if site.slope {
+            for j in 0..S::DIMENSION {
+                row[1 + j] = -radial.a * d[j];
+            }
+        }
+    }
+
+    /// L⁻¹ k* of the same, in a row that is zero.
+    fn whiten(
+        &self,
+        point: S::Vector,
+        row: &mut [f32; ROWS],
+        fill: impl Fn(&Site<S>, S::Vector, Radial, &mut [f32]),
+    ) {
         for site in self.sites() {
             let d = point - site.point;
             let at = usize::from(site.row);
             fill(site, d, self.kernel.radial(d.norm_squared()), &mut row[at..at + site.rows()]);
         }
-        let row = &mut row[..self.factor.rows()];
-        self.factor.forward(row);
-        row.iter().map(|v| v * v).sum()
+        self.factor.forward(&mut row[..self.factor.rows()]);
     }
 
     /// Log marginal likelihood of the contacts after the last refit (thesis 2.16, corrected).

@@ -1,6 +1,10 @@
 //! The bootstrap particle filter over the pose with one shared map: Algorithm 3.1 of the thesis, as
 //! corrected (weights multiply, the likelihood has a scale, means are taken on the manifold).
 
+mod foresight;
+
+pub use foresight::Foreseen;
+
 use crate::contact::{Contact, GraspView};
 use crate::matrix::{Coordinates, Square};
 use crate::random::Random;

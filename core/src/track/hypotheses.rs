@@ -23,6 +23,7 @@ mod belief;
 mod chart;
 mod explanation;
 mod face;
+mod foresight;
 mod hypothesis;
 mod joint;
 mod past;
@@ -39,6 +40,7 @@ mod tests;
 pub use belief::{Disbelief, ToldFace};
 pub use chart::Chart;
 pub use face::Face;
+pub use foresight::{Foreseen, On};
 
 use crate::contact::GraspView;
 use crate::math;

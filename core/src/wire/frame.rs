@@ -3,15 +3,18 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::candidate::{CandidateFrame, ChoiceFrame};
 use super::codec::Counters;
 use super::quantity::{Clock, Fraction, WireSpace, nearest};
 use super::sensor::{FingerFrame, FingertipFrame, SensorFrame, WordsFrame};
 use crate::contact::{Contact, FreePoint};
+use crate::explore::Criterion;
 use crate::math;
 use crate::matrix::{Coordinates, Square};
 use crate::track;
 
-/// Version of the protocol. It changes whenever a golden vector changes.
+/// Version of the protocol. It changes whenever a golden vector changes; a message that is added at the
+/// end changes none.
 pub const PROTOCOL: u8 = 3;
 
 /// One message with its place in the stream.
@@ -72,6 +75,8 @@ pub enum Command<S: WireSpace> {
     },
     /// Has a scripted sensor show words; what it feels is answered with [`Report::Contact`].
     Words(WordsFrame),
+    /// A grasp that could be made next.
+    Consider(CandidateFrame<S>),
 }
 
 /// Least period of [`Command::Stream`], microseconds: 200 Hz.
@@ -99,6 +104,8 @@ pub enum Report<S: WireSpace> {
     Felt(ContactFrame<S>),
     /// How a finger fares.
     Finger(FingerFrame),
+    /// Which of the candidates to take.
+    Choice(ChoiceFrame),
 }
 
 /// What [`Command::Query`] asks for.
@@ -114,6 +121,8 @@ pub enum Topic {
     Face(u8),
     /// [`Report::Finger`] of this number, from 0.
     Finger(u8),
+    /// [`Report::Choice`] of the best candidate by this criterion.
+    BestCandidate(Criterion),
 }
 
 /// Who is there.
@@ -624,7 +633,7 @@ pub enum Refusal {
     Full,
     /// No grasp has been committed since the last reset.
     NoEstimate,
-    /// There is no mode, face or finger of this number.
+    /// There is no mode, face or finger of this number, or no candidate of the one before.
     NoSuch,
     /// A number of a belief or face cannot be used, or a face came before any belief.
     Belief,
@@ -645,6 +654,16 @@ pub enum Refusal {
     Rate,
     /// The sensors are real: they show what they feel.
     NotScripted,
+    /// A number of the candidate is not finite, a stroke has no length, or no finger closes.
+    Candidate,
+    /// The list of candidates has no such place.
+    TooMany,
+    /// No candidate has been named since the list was forgotten.
+    NoCandidate,
+    /// Nothing is known of the object's shape yet.
+    NoShape,
+    /// This tracker does not foresee contacts.
+    NoForesight,
 }
 
 impl core::fmt::Display for Refusal {
@@ -667,6 +686,11 @@ impl core::fmt::Display for Refusal {
             Refusal::Part => "no sensor of that kind was begun for the finger",
             Refusal::Rate => "contacts cannot be streamed that fast",
             Refusal::NotScripted => "the finger has no scripted sensor",
+            Refusal::Candidate => "the candidate is not finite, or no finger of it closes",
+            Refusal::TooMany => "so many candidates cannot be considered",
+            Refusal::NoCandidate => "no candidate has been named",
+            Refusal::NoShape => "nothing is known of the shape yet",
+            Refusal::NoForesight => "this tracker does not foresee contacts",
         })
     }
 }

@@ -43,7 +43,7 @@
 //!
 //! The host sends one command and waits for the [`Reply`] that carries the command's sequence
 //! number before it sends the next; what the command asked for (`Hello`, `Estimate`, `Health`,
-//! `Mode`, `Face`, `Finger`) comes before that reply. When nothing comes, the host sends the same frame again,
+//! `Mode`, `Face`, `Finger`, `Choice`) comes before that reply. When nothing comes, the host sends the same frame again,
 //! and a board that has already obeyed it repeats its answer, byte for byte, without obeying twice.
 //! So a lost, damaged or doubled frame costs time and nothing else, and a UART without a FIFO never
 //! has to take a byte while it computes. Only `Hello` may start anew with any sequence number, and a
@@ -68,17 +68,28 @@
 //! no command and are not repeated. A contact takes at most 28 bytes, so that five fingers at 200 Hz
 //! take 5 · 200 · 28 · 10 = 280 000 bits a second, 30 % of a line of 921 600 baud.
 //!
+//! # The next grasp
+//!
+//! A host that could make one of a few grasps asks which of them teaches most about the shape, by what
+//! the board believes: one `Consider` for each, numbered from 0 (number 0 begins a new list, a number
+//! that has come before replaces), then [`Topic::BestCandidate`], which is answered by
+//! [`Report::Choice`] as often as it is asked. `Commit`, `Reset`, `Configure` and `Believe` forget the
+//! list, for it was about another belief. A board whose firmware is older than these messages counts
+//! them as damaged and does not answer.
+//!
 //! # What a receiver counts
 //!
 //! [`Decoder`] takes any bytes, never panics, holds at most one frame, and finds its place again at
 //! the next delimiter. [`Counters`] says how many frames were damaged and how, and how many were
 //! lost, doubled or late by their sequence numbers.
 
+mod candidate;
 mod codec;
 mod frame;
 mod quantity;
 mod sensor;
 
+pub use candidate::{CandidateFrame, ChoiceFrame, StrokeFrame};
 pub use codec::{
     Arrival, Counters, Decoder, EncodeError, FrameError, MAX_FRAME, Received, encode, seal, unseal,
 };

@@ -22,6 +22,7 @@ mod firmware {
     use tactile_core::driver::embedded_hal::delay::DelayNs;
     use tactile_core::driver::embedded_hal::spi::{ErrorType, Operation, SpiDevice};
     use tactile_core::driver::emulated::{Ads131m08Chip, BioTacChip};
+    use tactile_core::explore::{Candidate, Criterion, Stroke};
     use tactile_core::matrix::{Coordinates, Matrix, Vector};
     use tactile_core::random::Random;
     use tactile_core::sensing::calibration::GaugeCalibration;
@@ -94,6 +95,51 @@ mod firmware {
         core::array::from_fn(|_| touch(random))
     }
 
+    /// Ten hands about an object, none of which is turned as another: four fingers from one side, the
+    /// thumb from the other.
+    fn hands<S: Space>(object: &S::Pose) -> [Candidate<S>; 10] {
+        core::array::from_fn(|k| {
+            let mut turn = S::Tangent::ZERO;
+            for i in S::DIMENSION..S::FREEDOM {
+                turn[i] = 0.628 * k as f32 / (S::FREEDOM - i) as f32;
+            }
+            let mut hand = Candidate::new(object.retract(turn));
+            for (finger, stroke) in hand.strokes.iter_mut().enumerate() {
+                let side = if finger == 4 { -1.0 } else { 1.0 };
+                let mut start = S::Vector::ZERO;
+                start[0] = if finger == 4 { 0.0 } else { 0.02 * finger as f32 - 0.03 };
+                start[1] = 0.12 * side;
+                let mut direction = S::Vector::ZERO;
+                direction[1] = -side;
+                *stroke = Some(Stroke { start, direction, travel: 0.16 });
+            }
+            hand
+        })
+    }
+
+    /// What choosing among ten grasps takes by the belief a tracker has now.
+    #[inline(never)]
+    fn choose<S: tactile_core::wire::WireSpace, T: Onboard<S>>(
+        counter: &Counter,
+        object: &S::Pose,
+        tracker: &mut T,
+    ) {
+        let hands = hands::<S>(object);
+        for (name, criterion) in [
+            ("  best of 10 grasps by information", Criterion::Information),
+            ("  best of 10 grasps by variance sum (4.20)", Criterion::VarianceSum),
+        ] {
+            let mut choice = None;
+            let spent =
+                counter.count(|| choice = tracker.choose(None, &hands, criterion, 1e-3).ok());
+            if choice.is_none_or(|choice| choice.contacts < 3) {
+                hprintln!("not what was to be counted: {:?}", choice);
+                return debug::exit(debug::EXIT_FAILURE);
+            }
+            hprintln!("{:<48} {:>10}", name, spent);
+        }
+    }
+
     /// One update of a tracker whose map is full, so that contacts are also let go.
     #[inline(never)]
     fn update<S, M, const N: usize>(counter: &Counter, name: &str, tracker: &mut Bootstrap<S, M, N>)
@@ -130,6 +176,7 @@ mod firmware {
         counter.report("  grasp update, 5 contacts", || {
             black_box(tracker.update(Some(&S::Pose::IDENTITY), view));
         });
+        choose::<S, _>(counter, &S::Pose::IDENTITY, tracker);
         let point = black_box(contacts[0].point);
         counter.report("  map: value, gradient and variances at a point", || {
             black_box(tracker.map().probe(point));
@@ -227,6 +274,7 @@ mod firmware {
         hprintln!("{} tracker, {} in all, 16 grasps of a box:", name, T::PARTICLES);
         hprintln!("{:<48} {:>10}", "  grasp update, 5 contacts, mean", (sum / 16) as u32);
         hprintln!("{:<48} {:>10}", "  grasp update, 5 contacts, longest", longest);
+        choose::<S, _>(counter, &pose, tracker);
     }
 
     /// An emulated chip, or afterwards a line that repeats bytes: what is left is the driver.

@@ -4,17 +4,24 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use serde_json::{Map, Value, json};
+use tactile_core::explore as core;
+use tactile_core::space::{Planar, Spatial};
+use tactile_core::wire::WireSpace;
 
 use super::Error;
+use super::live::{self, Port};
 use super::terminal::{Progress, note, say, tell, tell_report};
-use crate::explore::{self, Candidates, Criterion, Episode, Until};
+use crate::explore::adviser::MOST;
+use crate::explore::{self, Adviser, Board, Candidates, Criterion, Episode, Until};
 use crate::graph;
+use crate::link::{Patience, Session};
 use crate::quantity::{self, Deviation};
 use crate::shape::Geometry;
 use crate::sim::{Bench, ObjectError, ObjectSpec, Options};
 use crate::slam::choose::Choice;
 use crate::slam::output::{Outcome, Provenance, check_folder, conclude};
 use crate::slam::trackers::Kind;
+use crate::space::Bridge;
 
 /// Explore a simulated object: choose a touch, touch, update, until the shape is known
 ///
@@ -54,6 +61,14 @@ pub struct ExploreArgs {
     /// What corrects all poses together, after the tracker
     #[arg(long, value_enum, default_value_t = graph::Kind::None, requires = "moving")]
     graph: graph::Kind,
+    /// Let a board choose, by what it makes of the grasps itself: qemu, virtual or tcp:HOST:PORT as in
+    /// live. It chooses among at most 16 candidates (--candidates fixed, or --count 16), by information
+    /// or variance-sum
+    #[arg(long, value_name = "PORT")]
+    board: Option<Port>,
+    /// What the board runs: hypotheses or bootstrap
+    #[arg(long, value_enum, default_value_t = Kind::Hypotheses, requires = "board")]
+    board_tracker: Kind,
     /// When enough is known: strict (90 % of the surface within 1.8 mm, and known to be), lenient
     /// (3 mm, deviation 2.5 mm), coverage:SHARE (a contact within 5 mm), gain:NATS (no touch promises
     /// more, which a robot can decide without the truth)
@@ -117,8 +132,14 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         most_actions: args.max_actions,
         seed: args.seed,
     };
+    let mut adviser = match &args.board {
+        None => None,
+        Some(port) if bench.log().dimension == 2 => Some(adviser::<Planar>(args, port)?),
+        Some(port) => Some(adviser::<Spatial>(args, port)?),
+    };
+    let adviser = adviser.as_mut().map(|a| a.as_mut() as &mut dyn Adviser);
     let mut number = 0;
-    let episode = explore::explore(&mut bench, &settings, |action| {
+    let episode = explore::explore_advised(&mut bench, &settings, adviser, |action| {
         number += 1;
         if !args.json {
             let gain = action.gain.map_or(String::new(), |g| format!(", promised {g:.2}"));
@@ -152,6 +173,38 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         tell(format!("results in {}", args.out.display()));
     }
     Ok(())
+}
+
+/// A board that chooses.
+fn adviser<S: Bridge + WireSpace>(
+    args: &ExploreArgs,
+    port: &Port,
+) -> Result<Box<dyn Adviser>, Error> {
+    let criterion = match args.criterion {
+        Criterion::Information => core::Criterion::Information,
+        Criterion::VarianceSum => core::Criterion::VarianceSum,
+        other => {
+            let other = name(other);
+            return Err(Error::Input(format!(
+                "--board: expected --criterion information or variance-sum, found {other}"
+            )));
+        }
+    };
+    if args.candidates == Kinds::Continuous && args.count > MOST {
+        return Err(Error::Input(format!(
+            "--board: expected --candidates fixed or --count up to {MOST}, found {}",
+            args.count
+        )));
+    }
+    if !matches!(args.board_tracker, Kind::Hypotheses | Kind::Bootstrap) {
+        let tracker = args.board_tracker.name();
+        return Err(Error::Input(format!(
+            "--board-tracker: expected hypotheses or bootstrap, which foresee contacts, found {tracker}"
+        )));
+    }
+    let link = live::connect(port, args.board_tracker, S::DIMENSION)?;
+    let session = Session::<S, _>::open(link, Patience::default()).map_err(Error::failure)?;
+    Ok(Box::new(Board::new(session, criterion, args.seed)))
 }
 
 /// The shape of everything felt, judged.

@@ -15,13 +15,15 @@ use super::Error;
 use super::slam::Input;
 use super::terminal::{Progress, note, say, tell, tell_report};
 use crate::graph::{self, joint};
+use crate::link::firmware::{self, Machine};
 use crate::link::lesson::Lesson;
 use crate::link::qemu::Qemu;
-use crate::link::session::{settings_for, steps};
+use crate::link::session::{SensedError, settings_for, steps};
 use crate::link::tcp::Tcp;
 use crate::link::{GraspOutcome, Link, LogOutcome, Patience, Recorder, Session, virtual_board};
 use crate::log::GraspLog;
 use crate::log::recording::Header;
+use crate::log::words::Sensors;
 use crate::slam::choose::Choice;
 use crate::slam::output::{self, Provenance, conclude};
 use crate::slam::track::Step;
@@ -75,6 +77,11 @@ pub struct LiveArgs {
     #[arg(long, value_name = "N", default_value_t = 4,
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1000))]
     correct_every: usize,
+    /// Show the board's fingertips the raw words in the log (of simulate --sensors) instead of telling
+    /// it the contacts: it estimates them itself. Takes the image spatial-sensing, whose sensors are
+    /// scripted, and --tracker hypotheses
+    #[arg(long, conflicts_with = "graph")]
+    sensors: bool,
     /// Folder for the results
     #[arg(long, default_value = "out")]
     out: PathBuf,
@@ -143,13 +150,15 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
     }
     let input = Input::open(args.log.as_deref(), &args.out)?;
     let Input { log, name, truth } = &input;
+    let sensors = sensors(args, log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
+    let sensors = sensors.as_ref();
     let tracker = format!("{} on the board", args.tracker.name());
     let watch = args.view.as_ref().map(|at| Watch::open(at, &input, &tracker)).transpose()?;
     let watch = watch.as_ref();
     let fed = if log.dimension == 2 {
-        feed::<Planar>(args, log, watch)
+        feed::<Planar>(args, log, sensors, watch)
     } else {
-        feed::<Spatial>(args, log, watch)
+        feed::<Spatial>(args, log, sensors, watch)
     }?;
     let title = input.title();
     let start = Instant::now();
@@ -212,18 +221,40 @@ struct Fed {
     text: String,
 }
 
+/// What the log says of the sensors, where it is wanted.
+fn sensors(args: &LiveArgs, log: &GraspLog) -> Result<Option<Sensors>, Error> {
+    if !args.sensors {
+        return Ok(None);
+    }
+    if args.tracker != Kind::Hypotheses {
+        let name = args.tracker.name();
+        return Err(Error::Input(format!(
+            "--sensors: expected --tracker hypotheses, no image with sensors carries {name}"
+        )));
+    }
+    let sensors = Sensors::of(log).map_err(Error::input)?;
+    let none = || Error::Input("no raw words; `tactile simulate --sensors` records them".into());
+    sensors.ok_or_else(none).map(Some)
+}
+
 fn feed<S: Bridge + WireSpace>(
     args: &LiveArgs,
     log: &GraspLog,
+    sensors: Option<&Sensors>,
     watch: Option<&Watch<'_>>,
 ) -> Result<Fed, Error> {
     let file = args.record.as_deref().map(create).transpose()?;
-    let result = connect(args, S::DIMENSION).and_then(|link| match &file {
-        None => converse::<S>(link, log, args, watch),
+    let link = match (sensors, &args.port) {
+        (Some(_), Port::Virtual) => Ok(virtual_board::start_sensing()),
+        (Some(_), Port::Qemu) => emulate_sensing(),
+        _ => connect(&args.port, args.tracker, S::DIMENSION),
+    };
+    let result = link.and_then(|link| match &file {
+        None => converse::<S>(link, log, sensors, args, watch),
         Some(file) => {
             let header = Header::new(log.dimension, log.fingers.clone(), log.description.clone());
             let recorder = Recorder::new(link, file, &header).map_err(Error::failure)?;
-            converse::<S>(recorder, log, args, watch)
+            converse::<S>(recorder, log, sensors, args, watch)
         }
     });
     if let (Err(_), Some(file), Some(path)) = (&result, &file, &args.record)
@@ -239,11 +270,16 @@ fn create(path: &Path) -> Result<File, Error> {
     File::create(path).map_err(|e| Error::Input(format!("{}: cannot write: {e}", path.display())))
 }
 
-fn connect(args: &LiveArgs, dimension: usize) -> Result<Box<dyn Link>, Error> {
-    let name = args.tracker.name();
+/// Reaches the board that follows objects so, or starts one.
+pub(super) fn connect(
+    port: &Port,
+    tracker: Kind,
+    dimension: usize,
+) -> Result<Box<dyn Link>, Error> {
+    let name = tracker.name();
     let none = || Error::Input(format!("--tracker {name}: no board carries it in {dimension}D"));
-    let tracker = args.tracker.on_board().ok_or_else(none)?;
-    match &args.port {
+    let tracker = tracker.on_board().ok_or_else(none)?;
+    match port {
         Port::Virtual => virtual_board::start(dimension, tracker).ok_or_else(none),
         Port::Tcp(address) => Tcp::connect(address, CONNECT)
             .map(|link| Box::new(link) as Box<dyn Link>)
@@ -257,9 +293,19 @@ fn connect(args: &LiveArgs, dimension: usize) -> Result<Box<dyn Link>, Error> {
     }
 }
 
+/// An emulated board whose fingertips have scripted sensors.
+fn emulate_sensing() -> Result<Box<dyn Link>, Error> {
+    note("building the firmware (a minute the first time) and starting QEMU");
+    let machine = Machine::Stm32f405;
+    let elf = firmware::build(firmware::SENSING, machine).map_err(Error::failure)?;
+    let board = Qemu::start(&elf, machine, EMULATOR_LIMIT).map_err(Error::failure)?;
+    Ok(Box::new(board))
+}
+
 fn converse<S: Bridge + WireSpace>(
     link: impl Link,
     log: &GraspLog,
+    sensors: Option<&Sensors>,
     args: &LiveArgs,
     watch: Option<&Watch<'_>>,
 ) -> Result<Fed, Error> {
@@ -273,17 +319,22 @@ fn converse<S: Bridge + WireSpace>(
     }
     let (mut lessons, mut teaching) = (0, 0.0);
     let progress = Progress::new("board", "grasps");
-    let after = |number: usize, hello: &Hello, outcomes: &[GraspOutcome<S>]| {
+    let seen = |number: usize, outcome: &GraspOutcome<S>| {
         progress.at(number + 1, log.grasps.len());
-        if let Some((watch, step)) = watch.zip(outcomes.last().and_then(GraspOutcome::step)) {
+        if let Some((watch, step)) = watch.zip(outcome.step()) {
             watch.grasp(number, step);
         }
-        let done = number + 1;
-        if done == log.grasps.len() {
-            return None;
+        if number + 1 < log.grasps.len() {
+            std::thread::sleep(args.pace);
         }
-        std::thread::sleep(args.pace);
-        if args.graph == Correction::None || !done.is_multiple_of(args.correct_every) {
+    };
+    let after = |number: usize, hello: &Hello, outcomes: &[GraspOutcome<S>]| {
+        if let Some(last) = outcomes.last() {
+            seen(number, last);
+        }
+        let done = number + 1;
+        let due = done < log.grasps.len() && done.is_multiple_of(args.correct_every);
+        if args.graph == Correction::None || !due {
             return None;
         }
         let start = Instant::now();
@@ -296,8 +347,16 @@ fn converse<S: Bridge + WireSpace>(
         lessons += usize::from(lesson.is_some());
         lesson
     };
-    let run =
-        || session.run_taught(log, settings_for(log, args.seed), after).map_err(Error::failure);
+    let settings = settings_for(log, args.seed);
+    let run = || match sensors {
+        None => session.run_taught(log, settings, after).map_err(Error::failure),
+        Some(sensors) => {
+            session.run_sensed(log, sensors, settings, &seen).map_err(|error| match error {
+                SensedError::Session(error) => Error::failure(error),
+                error => Error::input(error),
+            })
+        }
+    };
     let outcome = match watch {
         Some(watch) => watch.beside(run),
         None => run(),
@@ -305,6 +364,14 @@ fn converse<S: Bridge + WireSpace>(
     let seconds = start.elapsed().as_secs_f64() - teaching;
     let mut board = figures(&outcome);
     let mut text = words(&outcome);
+    if sensors.is_some() {
+        let felt: usize = outcome.grasps.iter().map(|g| g.felt.len()).sum();
+        let logged: usize = log.grasps.iter().map(|g| g.contacts.len()).sum();
+        if let Some(fields) = board.as_object_mut() {
+            fields.insert("felt".into(), felt.into());
+        }
+        text += &format!("\nfelt           {felt} of {logged} contacts by the board's own sensors");
+    }
     if args.graph != Correction::None {
         if let Some(fields) = board.as_object_mut() {
             fields.insert("lessons".into(), lessons.into());

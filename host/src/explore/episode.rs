@@ -4,12 +4,14 @@ use std::time::Instant;
 
 use nalgebra::{Point3, Translation3};
 
+use super::adviser::{Adviser, Closing};
 use super::belief::{Belief, beside_each_other};
 use super::coverage::Until;
 use super::criterion::{About, Criterion, best, pose_deviation};
 use super::placement::{Placement, drawn, fixed};
 use super::prediction::predict;
 use crate::graph;
+use crate::link::SessionError;
 use crate::shape::align::align;
 use crate::sim::Bench;
 use crate::sim::random::Random;
@@ -96,6 +98,9 @@ pub enum Error {
     /// What was felt makes no surface.
     #[error(transparent)]
     Surface(#[from] reconstruct::Error),
+    /// Who was to choose does not answer.
+    #[error(transparent)]
+    Adviser(#[from] SessionError),
 }
 
 /// Explores the object on the bench, and tells `watch` of every action.
@@ -105,6 +110,20 @@ pub enum Error {
 pub fn explore(
     bench: &mut Bench,
     settings: &Settings,
+    watch: impl FnMut(&Action),
+) -> Result<Episode, Error> {
+    explore_advised(bench, settings, None, watch)
+}
+
+/// The same where somebody else chooses among the candidates, by what it makes of the grasps itself.
+/// Candidates are drawn and enough is known by the belief held here, as ever.
+///
+/// # Errors
+/// As [`explore`], and where nobody advises.
+pub fn explore_advised(
+    bench: &mut Bench,
+    settings: &Settings,
+    mut adviser: Option<&mut dyn Adviser>,
     mut watch: impl FnMut(&Action),
 ) -> Result<Episode, Error> {
     let [mut random] = Random::streams(settings.seed ^ 0x5eed_ca5e);
@@ -136,6 +155,16 @@ pub fn explore(
         let Some((choice, gain)) = choose(&belief, settings, &candidates, &actions, &mut random)
         else {
             return Ok(finish(actions, steps, false));
+        };
+        let (choice, gain) = match adviser.as_deref_mut() {
+            None => (choice, gain),
+            Some(adviser) => {
+                let open = open(settings, &candidates, &actions);
+                let closings: Vec<Closing> =
+                    open.iter().map(|i| closing(&belief, &candidates[*i])).collect();
+                let (advised, gain) = adviser.choose(bench.log(), &closings)?;
+                (open.get(advised).copied().unwrap_or(choice), Some(gain))
+            }
         };
         if let (Until::Gain(least), Some(gain)) = (settings.until, gain)
             && gain < least
@@ -252,6 +281,23 @@ fn choose(
     let recent = &done[done.len().saturating_sub(REMEMBERED)..];
     let choice = best(&scores, |i| again(&i, recent)).or_else(|| best(&scores, |_| false))?;
     Some((choice, Some(scores[choice])))
+}
+
+/// A candidate as it would be made.
+fn closing(belief: &Belief, placement: &Placement) -> Closing {
+    let off = (placement.hand.translation.vector - belief.centre).norm();
+    Closing {
+        hand: belief.pose * placement.hand,
+        strokes: placement.strokes(belief.dimension, belief.radius + off),
+    }
+}
+
+/// The candidates that were not among the last actions, or all where there are no others.
+fn open(settings: &Settings, candidates: &[Placement], done: &[Action]) -> Vec<usize> {
+    let recent = &done[done.len().saturating_sub(REMEMBERED)..];
+    let again = |i: &usize| recent.iter().any(|a| same(settings, &a.placement, &candidates[*i]));
+    let open: Vec<usize> = (0..candidates.len()).filter(|i| !again(i)).collect();
+    if open.is_empty() { (0..candidates.len()).collect() } else { open }
 }
 
 /// Whether two grasps are the same one. Fixed ones follow the middle of the contacts, so they are told

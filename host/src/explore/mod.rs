@@ -3,8 +3,9 @@
 //! [`episode`] is the closed loop: belief → candidates → gain of each → the best is touched → tracker
 //! and surface take what was felt → belief. [`placement`] has the candidates, [`belief`] what is known
 //! of the object, [`prediction`] the contacts that a candidate would give, [`criterion`] what they are
-//! worth and [`coverage`] when enough is known.
+//! worth and [`coverage`] when enough is known. An [`adviser`] may choose instead: a board.
 
+pub mod adviser;
 pub mod belief;
 pub mod coverage;
 pub mod criterion;
@@ -13,8 +14,9 @@ pub mod placement;
 pub mod pose_gain;
 pub mod prediction;
 
+pub use adviser::{Adviser, Board};
 pub use belief::Belief;
 pub use coverage::Until;
 pub use criterion::Criterion;
-pub use episode::{Candidates, Episode, Settings, explore};
+pub use episode::{Candidates, Episode, Settings, explore, explore_advised};
 pub use placement::Placement;

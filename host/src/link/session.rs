@@ -10,12 +10,13 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use tactile_core::contact::{Contact, FreePoint};
+use tactile_core::explore::{Candidate, CandidateError, Criterion};
 use tactile_core::track::{MotionNoise, Observability, Status};
 use tactile_core::wire::{
-    Arrival, Clock, Command, ContactFrame, Counters, Decoder, EstimateFrame, FaceFrame,
-    FingerFrame, FingertipFrame, Frame, FrameError, FreeFrame, Health, Hello, MAX_FRAME, ModeFrame,
-    MotionFrame, PROTOCOL, Refusal, Report, SensorFrame, SensorPart, Settings, Topic, WireSpace,
-    WordsFrame, encode,
+    Arrival, CandidateFrame, ChoiceFrame, Clock, Command, ContactFrame, Counters, Decoder,
+    EstimateFrame, FaceFrame, FingerFrame, FingertipFrame, Frame, FrameError, FreeFrame, Health,
+    Hello, MAX_FRAME, ModeFrame, MotionFrame, PROTOCOL, Refusal, Report, SensorFrame, SensorPart,
+    Settings, Topic, WireSpace, WordsFrame, encode,
 };
 
 use super::Link;
@@ -25,12 +26,16 @@ use crate::slam::track::{self, Step, six_by_six};
 use crate::slam::usual_deviations;
 use crate::space::{Bridge, Pose};
 
+mod sensed;
+
+pub use sensed::SensedError;
+
 /// How long to wait before a command is sent again, and how often.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Patience {
     /// For a reply to anything but a commit.
     pub reply: Duration,
-    /// For the reply to a commit, during which the tracker runs.
+    /// For the reply to a commit or a choice, before which the board computes.
     pub update: Duration,
     /// Times a command is sent in all.
     pub attempts: u32,
@@ -99,6 +104,14 @@ pub enum SessionError {
         due: u32,
         /// Number in the estimate.
         got: u32,
+    },
+    /// A grasp that is none.
+    #[error("candidate {number}: {error}")]
+    Candidate {
+        /// Its place in the list, from 0.
+        number: usize,
+        /// What is wrong.
+        error: CandidateError,
     },
     /// The estimate's pose is not a number.
     #[error("the estimate of grasp {grasp} is not finite")]
@@ -210,6 +223,7 @@ struct Answer<S: WireSpace> {
     mode: Option<ModeFrame<S>>,
     face: Option<FaceFrame<S>>,
     finger: Option<FingerFrame>,
+    choice: Option<ChoiceFrame>,
     felt: Vec<ContactFrame<S>>,
 }
 
@@ -222,6 +236,7 @@ impl<S: WireSpace> Default for Answer<S> {
             mode: None,
             face: None,
             finger: None,
+            choice: None,
             felt: Vec::new(),
         }
     }
@@ -418,6 +433,30 @@ impl<S: WireSpace, L: Link> Session<S, L> {
         })
     }
 
+    /// Which of some grasps (at most [`tactile_core::device::CANDIDATES`]) the board would make next.
+    ///
+    /// # Errors
+    /// No answer; a candidate that is none; a refusal: none or too many candidates, a board that has
+    /// felt nothing yet, or whose tracker does not foresee contacts.
+    pub fn choose(
+        &mut self,
+        criterion: Criterion,
+        candidates: &[Candidate<S>],
+    ) -> Result<ChoiceFrame, SessionError> {
+        const NAME: &str = "best candidate";
+        if candidates.is_empty() {
+            // The board may have a list of old.
+            return Err(SessionError::Refused { command: NAME, refusal: Refusal::NoCandidate });
+        }
+        for (number, candidate) in candidates.iter().enumerate() {
+            let frame = CandidateFrame::new(number.min(255) as u8, candidate)
+                .map_err(|error| SessionError::Candidate { number, error })?;
+            self.ask("consider", Command::Consider(frame))?;
+        }
+        let topic = Command::Query(Topic::BestCandidate(criterion));
+        self.wanted(NAME, topic, |answer| answer.choice)
+    }
+
     /// One grasp: motion since the last (`None`: unknown), what was felt and what was not, world
     /// frame.
     ///
@@ -503,7 +542,7 @@ impl<S: WireSpace, L: Link> Session<S, L> {
         again.push(0);
         again.extend_from_slice(wire);
         let wait = match command {
-            Command::Commit => self.patience.update,
+            Command::Commit | Command::Query(Topic::BestCandidate(_)) => self.patience.update,
             _ => self.patience.reply,
         };
         let mut answer = Answer::default();
@@ -562,6 +601,7 @@ impl<S: WireSpace, L: Link> Session<S, L> {
                 Report::Mode(mode) => answer.mode = Some(mode),
                 Report::Face(face) => answer.face = Some(face),
                 Report::Finger(finger) => answer.finger = Some(finger),
+                Report::Choice(choice) => answer.choice = Some(choice),
                 Report::Felt(contact) => answer.felt.push(contact),
                 Report::Contact(_) if received.arrival == Arrival::Doubled => {}
                 Report::Contact(contact) => {

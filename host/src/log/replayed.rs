@@ -216,7 +216,10 @@ fn listen_in<S: Bridge + WireSpace, P: Borrow<Piece>>(
                         Report::Health(health) => collector.rest.health = Some(health),
                         Report::Estimate(estimate) => collector.estimate = Some(estimate),
                         Report::Mode(frame) => collector.mode(&frame),
-                        Report::Face(_) | Report::Contact(_) | Report::Finger(_) => {}
+                        Report::Face(_)
+                        | Report::Contact(_)
+                        | Report::Finger(_)
+                        | Report::Choice(_) => {}
                         Report::Felt(frame) if received.arrival != Arrival::Doubled => {
                             collector.felt.push(frame);
                         }
@@ -252,7 +255,8 @@ impl<S: Bridge + WireSpace> Collector<'_, S> {
             | Command::Sensor(_)
             | Command::Tare { .. }
             | Command::Stream { .. }
-            | Command::Words(_) => {}
+            | Command::Words(_)
+            | Command::Consider(_) => {}
             Command::Configure(settings) => {
                 self.settings = settings;
                 self.rest.noise = Noise {

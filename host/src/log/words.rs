@@ -12,6 +12,7 @@
 //! from the moment it closes. `translation` and `rotation` are the fingertip's pose in the world.
 //! Programs that know nothing of them keep both fields as they are.
 
+use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 use tactile_core::sensing::calibration::GaugeCalibration;
 use tactile_core::sensing::detection::Sampling;
@@ -21,8 +22,10 @@ use tactile_core::sensing::{
     CalibrationError, ContactEstimator, ELECTRODES, ElectrodeEstimator, ElectrodeReading,
     ElectrodeSettings, GaugeReading, NoContact, Touch, WrenchEstimator, WrenchSettings,
 };
+use tactile_core::wire::{self, SensorPart};
 
 use super::{GraspLog, LoggedContact};
+use crate::space::{Point, Pose};
 
 /// Field of a log's header.
 const HEADER: &str = "sensors";
@@ -154,6 +157,79 @@ impl Sensors {
         Ok(())
     }
 
+    /// What a board has to be told of a finger for its estimator to be [`estimator`](Self::estimator)'s;
+    /// it is tared by the readings at rest.
+    ///
+    /// # Errors
+    /// When the finger has no calibration or no readings at rest.
+    pub fn parts(&self, finger: usize) -> Result<Vec<SensorPart>, WordsError> {
+        let rest = self.rest.get(finger).ok_or(WordsError::Finger(finger))?;
+        let skin = SensorPart::Skin(wire::Skin::CappedCylinder {
+            radius: self.skin.radius as f32,
+            length: self.skin.length as f32,
+        });
+        let sampling = |usual: Sampling| SensorPart::Sampling {
+            window: usual.window,
+            gap: usual.gap,
+            tare: rest.len().min(usize::from(u16::MAX)) as u16,
+            spread: usual.spread,
+        };
+        let mut parts = Vec::new();
+        match self.kind {
+            Kind::Wrench => {
+                let matrix = self.calibration.get(finger).ok_or(WordsError::Finger(finger))?;
+                parts.push(SensorPart::Gauges);
+                parts.extend(matrix.iter().enumerate().map(|(row, numbers)| SensorPart::Row {
+                    row: row as u8,
+                    numbers: numbers.map(|v| v as f32),
+                }));
+                parts.extend([skin, sampling(WrenchSettings::NANO17_SAMPLING)]);
+            }
+            Kind::Electrodes => {
+                parts.extend([SensorPart::Electrodes, skin]);
+                parts.extend(
+                    BIOTAC_SKIN.edge.map(|edge| SensorPart::Edge {
+                        normal: edge.normal.0,
+                        offset: edge.offset,
+                    }),
+                );
+                parts.push(sampling(ElectrodeSettings::BIOTAC.sampling));
+            }
+        }
+        Ok(parts)
+    }
+
+    /// A finger's reading as it goes to a board.
+    ///
+    /// # Errors
+    /// [`WordsError::Reading`].
+    pub fn on_wire(&self, finger: usize, reading: &[i32]) -> Result<wire::Words, WordsError> {
+        let expected = self.kind.channels();
+        let bad = || WordsError::Reading { finger, found: reading.len(), expected };
+        match self.kind {
+            Kind::Wrench => {
+                let credible = |word: &i32| (-0x80_0000..=0x7f_ffff).contains(word);
+                let words = Some(reading).filter(|words| words.iter().all(credible));
+                let words = words.and_then(|words| words.try_into().ok());
+                words.map(wire::Words::Gauges).ok_or_else(bad)
+            }
+            Kind::Electrodes => {
+                let words: Option<Vec<u16>> =
+                    reading.iter().map(|w| u16::try_from(*w).ok().filter(|w| *w < 4096)).collect();
+                let electrodes = words.and_then(|words| words.try_into().ok()).ok_or_else(bad)?;
+                // The log has the electrodes alone, and contacts are made of them alone.
+                let [pressure, vibration, temperature, heat_flow] = [2048; 4];
+                Ok(wire::Words::Electrodes {
+                    electrodes,
+                    pressure,
+                    vibration,
+                    temperature,
+                    heat_flow,
+                })
+            }
+        }
+    }
+
     /// The estimator of a finger, tared.
     ///
     /// # Errors
@@ -209,6 +285,18 @@ impl Words {
             reason: e.to_string(),
         };
         Words::deserialize(value).map(Some).map_err(bad)
+    }
+
+    /// The fingertip's pose in the world; `None` when it is not finite or no rotation.
+    pub fn fingertip(&self) -> Option<Pose> {
+        let [x, y, z, w] = self.rotation;
+        let turn = Quaternion::new(w, x, y, z);
+        let usable = (turn.norm() - 1.0).abs() < 1e-3
+            && Point::from(self.translation).iter().all(|v| v.is_finite());
+        usable.then(|| {
+            let at = Translation3::from(Point::from(self.translation));
+            Pose::from_parts(at, UnitQuaternion::new_normalize(turn))
+        })
     }
 
     /// Writes this into a contact.

@@ -130,6 +130,16 @@ impl<const ROWS: usize, const PACKED: usize> Joint<ROWS, PACKED> {
         log_normal(error, total)
     }
 
+    /// Conditions the covariance on one variable being told without doubt; `gain` is scratch. Of a
+    /// variable that those told before leave hardly any of its variance (`before`) nothing is new.
+    pub fn tell(&mut self, row: usize, before: f32, gain: &mut [f32; ROWS]) {
+        self.times(Sparse([(row, &[1.0]), (0, &[])]), gain);
+        let left = gain[row];
+        if left > 1e-5 * before {
+            self.add_outer(gain, -1.0 / left);
+        }
+    }
+
     /// Moves the belief by the first two derivatives `slope` and `bend` (not above zero) of a log
     /// likelihood in h·x; `gain` is P·hᵀ.
     pub fn nudge(&mut self, mean: &mut [f32; ROWS], gain: &[f32; ROWS], slope: f32, bend: f32) {
@@ -214,16 +224,4 @@ impl<const ROWS: usize, const PACKED: usize> Joint<ROWS, PACKED> {
 pub(super) fn log_normal(error: f32, variance: f32) -> f32 {
     const LOG_TAU: f32 = 1.837_877_1;
     -0.5 * (error * error / variance + crate::math::ln(variance) + LOG_TAU)
-}
-
-/// The standard normal density at `z`, and the distribution function there (absolute error below
-/// 10⁻⁶; Abramowitz and Stegun 26.2.17).
-pub(super) fn normal(z: f32) -> (f32, f32) {
-    let density = 0.398_942_3 * crate::math::exp(-0.5 * z * z);
-    let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
-    let tail = density
-        * t
-        * (0.319_381_53
-            + t * (-0.356_563_78 + t * (1.781_477_9 + t * (-1.821_256 + t * 1.330_274_4))));
-    (density, if z < 0.0 { tail } else { 1.0 - tail })
 }

@@ -2,9 +2,10 @@
 
 use super::chart::Chart;
 use super::hypothesis::Hypothesis;
-use super::joint::{Joint, Sparse, log_normal, normal};
+use super::joint::{Joint, Sparse, log_normal};
 use super::plane::{Plane, Touch, measure, solve};
 use super::work::Work;
+use crate::math::normal;
 use crate::matrix::{Coordinates, Square, Vector};
 use crate::space::{Planar, Pose, Space, Spatial};
 use proptest::prelude::*;
@@ -63,6 +64,46 @@ fn invert(mut a: Vec<Vec<f64>>) -> (Vec<Vec<f64>>, f64) {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Told all of the last variables, what is left of the others is their Schur complement, also where
+    /// one of those told is another's double.
+    #[test]
+    fn telling_leaves_the_schur_complement(seed in proptest::collection::vec(-1.0f32..1.0, 81)) {
+        let mut p = positive(&seed);
+        let inner: Vec<Vec<f64>> = (3..N).map(|i| p[i][3..N].to_vec()).collect();
+        let (inverse, _) = invert(inner);
+        let left = |i: usize, j: usize| {
+            let mut sum = p[i][j];
+            for a in 3..N { for b in 3..N { sum -= p[i][a] * inverse[a - 3][b - 3] * p[b][j]; } }
+            sum
+        };
+        let want: Vec<f64> = (0..9).map(|k| left(k / 3, k % 3)).collect();
+        // The last one again, in place of the first of the three that are left.
+        let last = p[N - 1].clone();
+        let mut gain = [0.0f32; N];
+        for doubled in [false, true] {
+            if doubled {
+                for i in 0..N { p[3][i] = last[i]; p[i][3] = last[i]; }
+                p[3][3] = last[N - 1];
+            }
+            let before = joint_of(&p);
+            let mut joint = joint_of(&p);
+            for row in 3..N {
+                joint.tell(row, before.at(row, row), &mut gain);
+            }
+            for k in 0..9 {
+                let (i, j) = (k / 3, k % 3);
+                let found = f64::from(joint.at(i, j));
+                prop_assert!(found.is_finite());
+                if !doubled {
+                    prop_assert!((found - want[k]).abs() < 2e-3 * (1.0 + want[k].abs()), "{found} {}", want[k]);
+                } else if i == j {
+                    // Less was told, so no less is left.
+                    prop_assert!(found > want[k] - 1e-2 * (1.0 + want[k].abs()));
+                }
+            }
+        }
+    }
 
     /// Three measurements one at a time are the batch update x + K(y − Hx), (I − KH)P and the density
     /// N(y; Hx, HPHᵀ + R).

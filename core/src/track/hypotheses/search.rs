@@ -2,14 +2,13 @@
 //! Gaussian evidence.
 
 use crate::contact::FreePoint;
-use crate::math;
+use crate::math::{self, normal};
 use crate::matrix::Coordinates;
 use crate::space::{Pose, Space};
 
 use super::beam::{Beam, FACE, Node, OPENS, WILD};
 use super::chart::Chart;
 use super::hypothesis::Hypothesis;
-use super::joint::normal;
 use super::plane::{BEYOND, Record, Touch};
 use super::work::Work;
 

@@ -1,12 +1,12 @@
 //! Contacts tried on a hypothesis: its belief conditioned on what they would measure.
 
-use crate::math;
+use crate::math::{self, normal};
 use crate::matrix::Coordinates;
 use crate::space::{Pose, Space};
 
 use super::chart::{Chart, across};
 use super::hypothesis::Hypothesis;
-use super::joint::{Joint, Sparse, normal};
+use super::joint::{Joint, Sparse};
 use super::plane::{Plane, Row, Rows, Touch, height, measure, solve, turned};
 
 /// What a plane explains of a contact.

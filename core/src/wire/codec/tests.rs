@@ -7,6 +7,7 @@ use proptest::prelude::*;
 use super::super::*;
 use crate::contact::{Contact, FreePoint};
 use crate::driver::emulated::Fault;
+use crate::explore::{Candidate, CandidateError, Criterion, Stroke};
 use crate::matrix::{Coordinates, Matrix, Vector};
 use crate::sensing::NoContact;
 use crate::space::{Planar, PlanarPose, Pose, Spatial, SpatialPose};
@@ -263,7 +264,44 @@ fn golden() -> Vec<(&'static str, Vec<u8>)> {
             "singular matrix",
             wire(11, 11, R::Reply(Reply { to: 5, refusal: Some(Refusal::Singular) })),
         ),
+        ("consider 3d", consider(&candidate::<Spatial>(&motion))),
+        ("consider 2d", consider(&candidate::<Planar>(&PlanarPose::new(Vector([0.1, -0.2]), 2.5))),),
+        (
+            "query best candidate",
+            wire(8, 8, C::Query(Topic::BestCandidate(Criterion::VarianceSum))),
+        ),
+        ("choice", wire(23, 23, R::Choice(CHOICE))),
+        (
+            "no candidate",
+            wire(11, 11, R::Reply(Reply { to: 5, refusal: Some(Refusal::NoCandidate) })),
+        ),
     ]
+}
+
+const CHOICE: ChoiceFrame = ChoiceFrame {
+    number: 9,
+    considered: 10,
+    contacts: 4,
+    criterion: Criterion::Information,
+    gain: 3.25,
+};
+
+/// A hand all of whose fingers close from almost a metre away.
+fn candidate<S: WireSpace>(hand: &S::Pose) -> Candidate<S> {
+    let mut candidate = Candidate::new(*hand);
+    for (finger, stroke) in candidate.strokes.iter_mut().enumerate() {
+        let sign = if finger == 4 { -1.0 } else { 1.0 };
+        let mut direction = S::Vector::ZERO;
+        (direction[0], direction[1]) = (0.6 * sign, -0.8);
+        let start = S::Vector::from_fn(|i| if i == 0 { 0.1 * finger as f32 } else { sign * 1.04 });
+        *stroke = Some(Stroke { start, direction, travel: 1.9 });
+    }
+    candidate
+}
+
+fn consider<S: WireSpace>(candidate: &Candidate<S>) -> Vec<u8> {
+    let frame = CandidateFrame::new(9, candidate).unwrap();
+    wire(24, u32::MAX, Command::<S>::Consider(frame))
 }
 
 const QUADRIC: Skin = Skin::Quadric {
@@ -341,6 +379,13 @@ fn frames_stay_within_budget() {
     let [pressure, vibration, temperature, heat_flow] = [u16::MAX; 4];
     let longest = Words::Electrodes { electrodes, pressure, vibration, temperature, heat_flow };
     assert!(words(longest, Fault::Stuck).len() <= MAX_FRAME);
+    assert!(length("consider 2d") <= 100 && length("consider 3d") <= 130);
+    assert!(length("choice") <= 24);
+    let mut far = candidate::<Spatial>(&SpatialPose::IDENTITY);
+    for stroke in far.strokes.iter_mut().flatten() {
+        (stroke.start, stroke.travel) = (Vector([-134.0; 3]), 260.0);
+    }
+    assert!(consider(&far).len() <= MAX_FRAME);
     let mut estimate = spatial_estimate(u);
     estimate.effective_particles = 1e9;
     assert!(
@@ -417,6 +462,73 @@ fn sensor_messages_come_back() {
     let (_, reports) = decode_all::<Report<Spatial>>(&finger(state));
     let Report::Finger(frame) = reports[0].unwrap().frame.message else { panic!() };
     assert_eq!((frame.state, frame.contacts), (state, 200));
+}
+
+#[test]
+fn candidates_come_back() {
+    let hand = SpatialPose::new(Vector([0.01, 0.0, -0.02]), [0.0, 0.0, 0.6, 0.8]);
+    let mut sent = candidate::<Spatial>(&hand);
+    sent.strokes[2] = None;
+    let frame = CandidateFrame::new(3, &sent).unwrap();
+    let back = frame.candidate().unwrap();
+    assert_eq!((frame.number, back.hand), (3, hand));
+    for (there, here) in back.strokes.iter().zip(&sent.strokes) {
+        let (Some(there), Some(here)) = (there, here) else {
+            assert!(there.is_none() && here.is_none());
+            continue;
+        };
+        assert!((there.start - here.start).norm() < 2e-6);
+        assert!((there.direction - here.direction).norm() < 1e-4);
+        assert!((there.travel - here.travel).abs() < 1e-6);
+    }
+    let (_, reports) = decode_all::<Report<Planar>>(&wire(1, 1, Report::<Planar>::Choice(CHOICE)));
+    assert_eq!(reports[0].unwrap().frame.message, Report::Choice(CHOICE));
+
+    // What cannot be a grasp is told on either side of the line.
+    let mut bad = sent;
+    bad.strokes = [None; 5];
+    assert_eq!(CandidateFrame::new(0, &bad), Err(CandidateError::Empty));
+    type Case = (fn(&mut Stroke<Spatial>), CandidateError);
+    let cases: [Case; 6] = [
+        (|s| s.start[1] = f32::NAN, CandidateError::Start),
+        (|s| s.direction = Vector([0.0; 3]), CandidateError::Direction),
+        (|s| s.direction[0] = f32::INFINITY, CandidateError::Direction),
+        (|s| s.travel = 0.0, CandidateError::Travel),
+        (|s| s.travel = f32::NAN, CandidateError::Travel),
+        // Nothing on the wire, where lengths are whole micrometres.
+        (|s| s.travel = 1e-7, CandidateError::Travel),
+    ];
+    for (spoil, error) in cases {
+        let mut bad = sent;
+        bad.strokes[1].iter_mut().for_each(spoil);
+        assert_eq!(CandidateFrame::new(0, &bad), Err(error));
+    }
+    let mut bad = frame;
+    bad.hand[4] = f32::NAN;
+    assert_eq!(bad.candidate(), Err(CandidateError::Hand));
+    bad = frame;
+    bad.strokes[0].iter_mut().for_each(|s| s.travel = 0);
+    assert_eq!(bad.candidate(), Err(CandidateError::Travel));
+}
+
+/// Recordings of this version hold messages that were sent before some of today's existed.
+#[test]
+fn what_was_said_before_is_still_understood() {
+    let before = include_str!("golden.txt").lines().take_while(|l| !l.starts_with("consider"));
+    let mut count = 0;
+    for line in before {
+        let (name, hex) = line.split_once(": ").unwrap();
+        let bytes: Vec<u8> = (0..hex.len() / 2)
+            .map(|i| u8::from_str_radix(&hex[2 * i..2 * i + 2], 16).unwrap())
+            .collect();
+        let heard = decode_all::<Command<Spatial>>(&bytes).1[0].is_ok()
+            || decode_all::<Command<Planar>>(&bytes).1[0].is_ok()
+            || decode_all::<Report<Spatial>>(&bytes).1[0].is_ok()
+            || decode_all::<Report<Planar>>(&bytes).1[0].is_ok();
+        assert!(heard, "{name}");
+        count += 1;
+    }
+    assert!(count > 50);
 }
 
 #[test]
@@ -539,7 +651,7 @@ proptest! {
     }
 
     #[test]
-    fn random_payloads_never_panic(payload in proptest::collection::vec(any::<u8>(), 0..140), tag in 0u8..16) {
+    fn random_payloads_never_panic(payload in proptest::collection::vec(any::<u8>(), 0..140), tag in 0u8..18) {
         let mut payload = payload;
         if let Some(t) = payload.get_mut(5) { *t = tag; }
         let mut out = [0; MAX_FRAME];
