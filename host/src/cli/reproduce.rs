@@ -54,7 +54,9 @@ impl ReproduceArgs {
 
 /// Which part of a comparison to run: all of it together runs for hours.
 #[derive(Debug, PartialEq, Args)]
-#[command(next_help_heading = "Only for shapes, tracking, mujoco, pose-graphs and pose-graph-outliers")]
+#[command(
+    next_help_heading = "Only for shapes, tracking, mujoco, pose-graphs and pose-graph-outliers"
+)]
 struct PartArgs {
     /// Only objects (of mujoco: recordings, of pose-graphs: graphs) whose name holds this, such as ycb/ or
     /// box; or, of shapes and tracking, any object as in simulate
@@ -88,14 +90,8 @@ struct PartArgs {
 impl PartArgs {
     /// The options that were given, each with the experiments that take it.
     fn given(&self) -> impl Iterator<Item = (&'static str, &'static [&'static str])> {
-        const COMPARISONS: &[&str] = &[
-            SHAPES,
-            TRACKING,
-            CONSISTENCY,
-            POSE_GRAPH_OUTLIERS,
-            EXPLORATION[0],
-            EXPLORATION[1],
-        ];
+        const COMPARISONS: &[&str] =
+            &[SHAPES, TRACKING, CONSISTENCY, POSE_GRAPH_OUTLIERS, EXPLORATION[0], EXPLORATION[1]];
         const NOISY: &[&str] = &[SHAPES, TRACKING, CONSISTENCY];
         const TRACKERS: &[&str] = &[TRACKING, CONSISTENCY, MUJOCO];
         const SIMULATED: &[&str] = &[TRACKING, CONSISTENCY];
@@ -360,8 +356,8 @@ fn spoil_graphs(args: &ReproduceArgs) -> Result<(), Error> {
     let first = args.part.first_seed.unwrap_or(0);
     let seeds = first..first.saturating_add(args.seeds());
     let rows = watch(args, outliers::heading());
-    let table = outliers::run(data().as_deref(), &args.part.object, seeds, rows)
-        .map_err(Error::input)?;
+    let table =
+        outliers::run(data().as_deref(), &args.part.object, seeds, rows).map_err(Error::input)?;
     conclude(args, &Outcome::new(POSE_GRAPH_OUTLIERS, &table, None)?)
 }
 

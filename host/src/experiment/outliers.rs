@@ -24,7 +24,9 @@ use crate::experiment::Spread;
 use crate::graph::pose::g2o::{self, Graph};
 use crate::graph::pose::gnc::{Gnc, gnc};
 use crate::graph::pose::odometry::odometry_edges;
-use crate::graph::pose::{self, Edge, Group, Options, PoseGraph, Rigid, Start, marginals, optimize};
+use crate::graph::pose::{
+    self, Edge, Group, Options, PoseGraph, Rigid, Start, marginals, optimize,
+};
 
 /// Which false closures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -95,8 +97,18 @@ pub struct Table {
 pub fn heading() -> String {
     format!(
         "{:<24}{:<9}{:>4}{:>7}{:>7}  {:<10}{:<10}{:<10}{:<12}{:<10}{:<18}{:<8}",
-        "graph", "kind", "%", "right", "false", "precision", "recall", "RMSE (m)", "RMSE/std",
-        "χ²/clean", "time/clean", "within 10 %"
+        "graph",
+        "kind",
+        "%",
+        "right",
+        "false",
+        "precision",
+        "recall",
+        "RMSE (m)",
+        "RMSE/std",
+        "χ²/clean",
+        "time/clean",
+        "within 10 %"
     )
 }
 
@@ -106,10 +118,7 @@ impl fmt::Display for Row {
             Kind::Random => "random",
             Kind::Grouped => "grouped",
         };
-        let time = format!(
-            "{:.1} [{:.1}, {:.1}]",
-            self.time.median, self.time.low, self.time.high
-        );
+        let time = format!("{:.1} [{:.1}, {:.1}]", self.time.median, self.time.low, self.time.high);
         let failed = match self.failed {
             0 => String::new(),
             failed => format!(", {failed} errors"),
@@ -263,9 +272,8 @@ fn row<G: Rigid<D, N>, const D: usize, const N: usize>(
 
 /// Root mean square distance of positions, metres.
 fn distance<G: Rigid<D, N>, const D: usize, const N: usize>(a: &[G], b: &[G]) -> f64 {
-    let squared = |(a, b): (&G, &G)| {
-        (a.translation_vector() - b.translation_vector()).norm_squared()
-    };
+    let squared =
+        |(a, b): (&G, &G)| (a.translation_vector() - b.translation_vector()).norm_squared();
     (a.iter().zip(b).map(squared).sum::<f64>() / a.len().max(1) as f64).sqrt()
 }
 

@@ -12,7 +12,7 @@ use std::collections::HashMap;
 use nalgebra::{SMatrix, SVector};
 
 use super::chordal::chordal_in;
-use super::evidence::{Chance, Verdict, median_chi2};
+use super::evidence::{Chance, Errors, Verdict};
 use super::gnc::{Annealing, Gnc};
 use super::odometry::Sets;
 use super::optimizer::{Optimizer, Options};
@@ -24,10 +24,10 @@ use super::{Error, Group, PoseGraph};
 const STEPS: usize = 3;
 
 /// Rounds of growth, and of annealing, at most.
-const ROUNDS: usize = 100;
+const ROUNDS: usize = 50;
 
 /// How often the same edge may be left out before it stays out.
-const PATIENCE: u8 = 3;
+const PATIENCE: u8 = 2;
 
 /// Log odds of what is as good as certain: 100 to 1.
 const CERTAIN: f64 = 4.6;
@@ -35,9 +35,6 @@ const CERTAIN: f64 = 4.6;
 /// An error is judged by itself, not by what is unknown of the poses, where its standard deviation is
 /// no more than twice that of its measurement.
 const DECIDED: f64 = 4.0;
-
-/// The estimated variance starts from what it was, as sure as that many numbers.
-const PRIOR: f64 = 10.0;
 
 /// A search under way.
 pub(super) struct Search<'a, G, const D: usize> {
@@ -92,7 +89,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
     where
         G: Rigid<D, N>,
     {
-        let claimed = self.chance.variance;
+        let claimed = self.chance.errors.variance;
         let mut expected = 0.0;
         for round in 0..ROUNDS {
             let mut part = Part::new(&self.graph, &self.accepted);
@@ -138,8 +135,9 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
                 part.solve(&mut optimizer, Options::default().max_iterations)?;
             }
             let weighted = part.graph.edges.iter().zip(&part.weights);
-            let chi2: f64 = weighted.map(|(edge, weight)| weight * edge.chi2(&part.graph.poses)).sum();
-            expected = chi2 + (entrants.len() * D) as f64 * self.chance.variance;
+            let chi2: f64 =
+                weighted.map(|(edge, weight)| weight * edge.chi2(&part.graph.poses)).sum();
+            expected = chi2 + (entrants.len() * D) as f64 * self.chance.errors.variance;
             self.graph.poses = part.graph.poses;
             if last {
                 break;
@@ -190,15 +188,9 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
             })
             .collect();
         let redundant = members.iter().filter(|member| member.verdict.doubt.is_finite());
-        let mut squared: Vec<f64> = redundant.map(|member| member.verdict.chi2).collect();
-        if !squared.is_empty() {
-            let middle = squared.len() / 2;
-            let (_, median, _) = squared.select_nth_unstable_by(middle, f64::total_cmp);
-            let shown = self.chance.variance * (*median / median_chi2(D)).max(1e-12);
-            let numbers = (squared.len() * D) as f64;
-            let sure = numbers / (numbers + PRIOR);
-            self.chance.variance = (sure * shown.ln() + (1.0 - sure) * claimed.ln()).exp();
-        }
+        let scale = self.chance.errors.variance;
+        let squared: Vec<f64> = redundant.map(|member| member.verdict.chi2 * scale).collect();
+        self.chance.errors = Errors::of::<D>(&squared, claimed);
         for member in &mut members {
             let information = &part.graph.edges[member.at].information;
             member.verdict =
@@ -269,7 +261,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
     where
         G: Rigid<D, N>,
     {
-        let barrier = self.options.barrier(D) * self.chance.variance;
+        let barrier = self.options.barrier(D) * self.chance.errors.variance;
         let squared = |part: &Part<G, D>, at: usize| part.graph.edges[at].chi2(&part.graph.poses);
         let worst = open.iter().map(|&at| squared(part, at)).fold(0.0, f64::max);
         let mut annealing = Annealing::new(self.options, barrier, worst);
@@ -283,8 +275,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
             if settled {
                 break;
             }
-            part.graph.poses =
-                chordal_in(&part.graph, &optimizer.layout, Some(&part.weights))?;
+            part.graph.poses = chordal_in(&part.graph, &optimizer.layout, Some(&part.weights))?;
             part.solve(optimizer, 1)?;
             self.rounds += 1;
             annealing.proceed(self.options.growth);

@@ -151,8 +151,7 @@ impl Closing {
         let lever: f64 = cycle.iter().map(|part| part.rotation * (length - part.length)).sum();
         let translation: f64 = cycle.iter().map(|part| part.translation).sum();
         let translation = translation + turn * lever * length / 4.0;
-        let squared =
-            [error.rows(0, N).norm_squared(), error.rows(N, D - N).norm_squared()];
+        let squared = [error.rows(0, N).norm_squared(), error.rows(N, D - N).norm_squared()];
         Closing { edges, squared, claimed: [translation, rotation] }
     }
 }

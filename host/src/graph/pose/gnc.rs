@@ -21,7 +21,7 @@ use nalgebra::SVector;
 
 use super::consensus::Search;
 use super::cycles::{agreeing, supported};
-use super::evidence::Chance;
+use super::evidence::{Chance, Errors};
 use super::odometry::{odometry, odometry_edges, ranks};
 use super::rigid::Rigid;
 use super::{Error, PoseGraph};
@@ -160,7 +160,7 @@ pub fn gnc<G: Rigid<D, N>, const D: usize, const N: usize>(
         Trust::Nothing => agreeing(graph, &chance),
         _ => supported(graph, &ranks(graph), &trusted, &chance),
     };
-    chance.variance = support.variance;
+    chance.errors = Errors::normal(support.variance);
     let mut search = Search::new(&start, options, &trusted, &support.edges, chance);
     search.run::<N>()?;
     if let Some(id) = search.undecided() {
@@ -170,7 +170,7 @@ pub fn gnc<G: Rigid<D, N>, const D: usize, const N: usize>(
     Ok(Inliers {
         weights: search.accepted.iter().map(|&accepted| f64::from(accepted)).collect(),
         odds: search.odds,
-        variance: search.chance.variance,
+        variance: search.chance.errors.variance,
         rounds: search.rounds,
     })
 }
