@@ -162,7 +162,13 @@ pub fn gnc<G: Rigid<D, N>, const D: usize, const N: usize>(
     };
     chance.errors = Errors::normal(support.variance);
     let mut search = Search::new(&start, options, &trusted, &support.edges, chance);
-    search.run::<N>()?;
+    search.run::<N>().map_err(|error| match error {
+        // What was left out had held the pose.
+        Error::Unconstrained { id, .. } if options.trust == Trust::Nothing => {
+            Error::Undecided { id }
+        }
+        other => other,
+    })?;
     if let Some(id) = search.undecided() {
         return Err(Error::Undecided { id });
     }
