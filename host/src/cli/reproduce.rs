@@ -12,8 +12,8 @@ use crate::cli::terminal::{note, say};
 use crate::experiment::chapter2::{self, FIGURES};
 use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{
-    Picture, calibration, chapter3, data, exploration, graphs, localization, memory, pose_graphs,
-    push, sensing, shapes, tracking,
+    Picture, calibration, chapter3, data, exploration, graphs, localization, memory, outliers,
+    pose_graphs, push, sensing, shapes, tracking,
 };
 use crate::graph;
 use crate::log::write::write_atomically;
@@ -26,7 +26,8 @@ pub struct ReproduceArgs {
     /// Which: a figure of the thesis, or one of ours
     #[arg(value_parser = PossibleValuesParser::new(names()))]
     name: String,
-    /// How many seeds, from 0 on [default: 20; of trackers 40, mujoco 1, pose-graphs 5]
+    /// How many seeds, from 0 on [default: 20; of trackers 40, mujoco 1, pose-graphs
+    /// and pose-graph-outliers 5]
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     seeds: Option<u64>,
     /// Print the numbers as JSON
@@ -45,7 +46,7 @@ impl ReproduceArgs {
             TRACKING | CONSISTENCY => 40,
             name if EXPLORATION.contains(&name) => 40,
             MUJOCO => 1,
-            POSE_GRAPHS => 5,
+            POSE_GRAPHS | POSE_GRAPH_OUTLIERS => 5,
             _ => 20,
         })
     }
@@ -53,7 +54,9 @@ impl ReproduceArgs {
 
 /// Which part of a comparison to run: all of it together runs for hours.
 #[derive(Debug, PartialEq, Args)]
-#[command(next_help_heading = "Only for shapes, tracking, mujoco and pose-graphs")]
+#[command(
+    next_help_heading = "Only for shapes, tracking, mujoco, pose-graphs and pose-graph-outliers"
+)]
 struct PartArgs {
     /// Only objects (of mujoco: recordings, of pose-graphs: graphs) whose name holds this, such as ycb/ or
     /// box; or, of shapes and tracking, any object as in simulate
@@ -88,12 +91,20 @@ impl PartArgs {
     /// The options that were given, each with the experiments that take it.
     fn given(&self) -> impl Iterator<Item = (&'static str, &'static [&'static str])> {
         const COMPARISONS: &[&str] =
-            &[SHAPES, TRACKING, CONSISTENCY, EXPLORATION[0], EXPLORATION[1]];
+            &[SHAPES, TRACKING, CONSISTENCY, POSE_GRAPH_OUTLIERS, EXPLORATION[0], EXPLORATION[1]];
         const NOISY: &[&str] = &[SHAPES, TRACKING, CONSISTENCY];
         const TRACKERS: &[&str] = &[TRACKING, CONSISTENCY, MUJOCO];
         const SIMULATED: &[&str] = &[TRACKING, CONSISTENCY];
-        const ALL: &[&str] =
-            &[SHAPES, TRACKING, CONSISTENCY, MUJOCO, POSE_GRAPHS, EXPLORATION[0], EXPLORATION[1]];
+        const ALL: &[&str] = &[
+            SHAPES,
+            TRACKING,
+            CONSISTENCY,
+            MUJOCO,
+            POSE_GRAPHS,
+            POSE_GRAPH_OUTLIERS,
+            EXPLORATION[0],
+            EXPLORATION[1],
+        ];
         const CORRECTED: &[&str] = &[TRACKING, MUJOCO];
         let options: [(_, &'static [&'static str], bool); 8] = [
             ("--object", ALL, !self.object.is_empty()),
@@ -127,6 +138,9 @@ const EXPLORATION: [&str; 2] = ["table-4.2", "table-4.3"];
 /// The standard pose graphs of the field; seeds are repetitions.
 const POSE_GRAPHS: &str = "pose-graphs";
 
+/// The same with false loop closures.
+const POSE_GRAPH_OUTLIERS: &str = "pose-graph-outliers";
+
 /// How well a force/torque transducer, and electrodes, feel contacts.
 const WRENCH: &str = "sensing-wrench";
 const ELECTRODES: &str = "sensing-electrodes";
@@ -135,8 +149,17 @@ const ELECTRODES: &str = "sensing-electrodes";
 const OTHERS: [&str; 3] = ["push", WRENCH, ELECTRODES];
 
 /// Not part of `all`, which would take hours with them.
-const LONG: [&str; 8] =
-    [SHAPES, TRACKING, CONSISTENCY, MUJOCO, POSE_GRAPHS, "calibration", "memory", "table-3.1"];
+const LONG: [&str; 9] = [
+    SHAPES,
+    TRACKING,
+    CONSISTENCY,
+    MUJOCO,
+    POSE_GRAPHS,
+    POSE_GRAPH_OUTLIERS,
+    "calibration",
+    "memory",
+    "table-3.1",
+];
 
 fn names() -> Vec<&'static str> {
     let figures = FIGURES.iter().map(|f| f.name);
@@ -207,6 +230,7 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
         MUJOCO => return follow_recordings(args),
         name if EXPLORATION.contains(&name) => return count_actions(args),
         POSE_GRAPHS => return optimise_graphs(args),
+        POSE_GRAPH_OUTLIERS => return spoil_graphs(args),
         _ => (),
     }
     let wanted = |name: &&str| match args.name.as_str() {
@@ -325,6 +349,16 @@ fn optimise_graphs(args: &ReproduceArgs) -> Result<(), Error> {
     let table = pose_graphs::run(data().as_deref(), &args.part.object, args.seeds(), rows)
         .map_err(Error::input)?;
     conclude(args, &Outcome::new(POSE_GRAPHS, &table, None)?)
+}
+
+/// The pose graphs with false loop closures, row by row as they are done.
+fn spoil_graphs(args: &ReproduceArgs) -> Result<(), Error> {
+    let first = args.part.first_seed.unwrap_or(0);
+    let seeds = first..first.saturating_add(args.seeds());
+    let rows = watch(args, outliers::heading());
+    let table =
+        outliers::run(data().as_deref(), &args.part.object, seeds, rows).map_err(Error::input)?;
+    conclude(args, &Outcome::new(POSE_GRAPH_OUTLIERS, &table, None)?)
 }
 
 /// Shows the rows of a long comparison to whoever watches, as they are done.

@@ -9,6 +9,7 @@ pub mod graphs;
 pub mod localization;
 pub mod memory;
 pub mod model;
+pub mod outliers;
 pub mod pose_graphs;
 pub mod proportion;
 pub mod push;

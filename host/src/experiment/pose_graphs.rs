@@ -143,22 +143,8 @@ pub fn run(
     runs: u64,
     mut watch: impl FnMut(&Row),
 ) -> Result<Table, Error> {
-    let folder = data.map(|data| data.join("g2o")).ok_or(Error::NoData)?;
-    let entries = std::fs::read_dir(&folder).map_err(|_| Error::NoData)?;
-    let mut files: Vec<PathBuf> = entries
-        .flatten()
-        .map(|entry| entry.path())
-        .filter(|path| path.extension().is_some_and(|e| e == "g2o"))
-        .collect();
-    if files.is_empty() {
-        return Err(Error::NoData);
-    }
-    files.retain(|file| wanted.is_empty() || wanted.iter().any(|w| name(file).contains(w)));
-    if files.is_empty() {
-        return Err(Error::NoGraph { folder, wanted: wanted.join(" or ") });
-    }
-    files.sort();
-    let optima = optima(&folder);
+    let files = files(data, wanted)?;
+    let optima = optima(data);
     let mut rows = Vec::new();
     for file in files {
         let read = g2o::read(&file)?;
@@ -177,14 +163,34 @@ pub fn run(
     Ok(Table { rows })
 }
 
-fn name(file: &Path) -> String {
+/// The graphs in `data`/g2o whose name contains one of `wanted`, all without any, by name.
+pub(super) fn files(data: Option<&Path>, wanted: &[String]) -> Result<Vec<PathBuf>, Error> {
+    let folder = data.map(|data| data.join("g2o")).ok_or(Error::NoData)?;
+    let entries = std::fs::read_dir(&folder).map_err(|_| Error::NoData)?;
+    let mut files: Vec<PathBuf> = entries
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| path.extension().is_some_and(|e| e == "g2o"))
+        .collect();
+    if files.is_empty() {
+        return Err(Error::NoData);
+    }
+    files.retain(|file| wanted.is_empty() || wanted.iter().any(|w| name(file).contains(w)));
+    if files.is_empty() {
+        return Err(Error::NoGraph { folder, wanted: wanted.join(" or ") });
+    }
+    files.sort();
+    Ok(files)
+}
+
+/// What a graph is called.
+pub(super) fn name(file: &Path) -> String {
     file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// The lowest known cost by name, where there is a list.
-fn optima(folder: &Path) -> serde_json::Value {
-    std::fs::read(folder.join("optima.json"))
-        .ok()
+fn optima(data: Option<&Path>) -> serde_json::Value {
+    data.and_then(|data| std::fs::read(data.join("g2o/optima.json")).ok())
         .and_then(|text| serde_json::from_slice::<serde_json::Value>(&text).ok())
         .map(|mut list| list["g2o_chi2_best_known_full_no_half"].take())
         .unwrap_or_default()

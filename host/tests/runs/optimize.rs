@@ -144,6 +144,8 @@ fn wrong_closures_are_left_out() {
     for (from, to) in [(20, 100), (150, 60)] {
         assert!(outliers.iter().any(|o| o["from"] == from && o["to"] == to), "{json}");
     }
+    // And nothing else: the ring's own closure, 190 → 0, stays.
+    assert_eq!(outliers.len(), 2, "{json}");
     assert!(json["final_cost"].as_f64().unwrap() < 1e-9, "{json}");
     assert_eq!(json["certified"], true);
     let text = std::fs::read_to_string(place.at("out.g2o")).unwrap();

@@ -5,21 +5,23 @@
 //! hardly ever where one is random (as in Latif, Cadena & Neira 2013). How much an agreement says is
 //! weighed against chance: cycles with long odometry close loosely and say little.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use nalgebra::SVector;
 
 use super::chordal::harmonic_mean;
+use super::evidence::Chance;
 use super::rigid::Rigid;
 use super::{Edge, PoseGraph};
 
-/// Cycles may have this many steps of odometry at each end.
-const REACH: usize = 12;
+/// Cycles looked at for each closure: with its nearest neighbours.
+const NEIGHBOURS: usize = 16;
 
-/// Neighbours asked at most for each closure.
-const NEIGHBOURS: usize = 24;
+/// Of these, the nearest ones that tell how large errors are.
+const NEAREST: usize = 2;
 
-/// Log odds from which a closure counts as supported: a chance of about 1 in 150.
+/// Log odds from which a closure counts as supported whatever the number of cycles: a chance of about
+/// 1 in 150. Where there are more cycles, none is expected to close so well by chance.
 const ODDS: f64 = 5.0;
 
 /// Odometry composed along the order of the poses.
@@ -116,13 +118,88 @@ fn doubt<G: Rigid<D, N>, const D: usize, const N: usize>(edge: &Edge<G, D>) -> D
     }
 }
 
+/// Agreement of short cycles.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Support {
+    /// Which edges belong to a cycle that closes better than by chance.
+    pub edges: Vec<bool>,
+    /// Variance of errors in units of what information claims, as the cycles show it.
+    pub variance: f64,
+}
+
+/// A cycle's error.
+#[derive(Clone, Copy)]
+struct Closing {
+    /// The edges it is evidence for.
+    edges: [usize; 2],
+    /// Squared, of translation and rotation.
+    squared: [f64; 2],
+    /// Variances per axis of the same, as claimed.
+    claimed: [f64; 2],
+}
+
+impl Closing {
+    fn new<G: Rigid<D, N>, const D: usize, const N: usize>(
+        edges: [usize; 2],
+        error: &SVector<f64, D>,
+        cycle: &[Doubt],
+    ) -> Self {
+        let length: f64 = cycle.iter().map(|part| part.length).sum();
+        // In space the error's coordinates are half the angle that a lever turns by.
+        let turn = if N == 2 { 1.0 } else { 4.0 };
+        let rotation: f64 = cycle.iter().map(|part| part.rotation).sum();
+        let lever: f64 = cycle.iter().map(|part| part.rotation * (length - part.length)).sum();
+        let translation: f64 = cycle.iter().map(|part| part.translation).sum();
+        let translation = translation + turn * lever * length / 4.0;
+        let squared = [error.rows(0, N).norm_squared(), error.rows(N, D - N).norm_squared()];
+        Closing { edges, squared, claimed: [translation, rotation] }
+    }
+}
+
+/// The variance under which cycles, half of them random, are the most probable.
+fn variance<const D: usize, const N: usize>(chance: &Chance, cycles: &[Closing]) -> f64 {
+    let log_likelihood = |variance: f64| -> f64 {
+        // That information is right within some powers of ten needs no proof.
+        let prior = -0.5 * (variance.ln() / 10f64.ln()).powi(2);
+        let of = |cycle: &Closing| {
+            let odds = chance.isotropic::<D, N>(cycle.squared, cycle.claimed, variance);
+            // ln(1 + e^odds)
+            odds.max(0.0) + (-odds.abs()).exp().ln_1p()
+        };
+        prior + cycles.iter().map(of).sum::<f64>()
+    };
+    let steps = (-9..=4).map(|power| 4f64.powi(power));
+    let tried = steps.map(|variance| (variance, log_likelihood(variance)));
+    let best = tried.max_by(|a, b| a.1.total_cmp(&b.1));
+    best.filter(|best| best.1 > log_likelihood(1.0)).map_or(1.0, |best| best.0)
+}
+
+/// What the cycles say.
+fn conclude<const D: usize, const N: usize>(
+    edges: usize,
+    chance: &Chance,
+    near: &[Closing],
+    all: &[Closing],
+) -> Support {
+    let variance = variance::<D, N>(chance, near);
+    let least = ODDS.max((all.len() as f64).ln());
+    let mut supported = vec![false; edges];
+    for cycle in all {
+        if chance.isotropic::<D, N>(cycle.squared, cycle.claimed, variance) > least {
+            cycle.edges.iter().for_each(|&edge| supported[edge] = true);
+        }
+    }
+    Support { edges: supported, variance }
+}
+
 /// Which edges that are not trusted agree with another one nearby or, over few steps, with the
-/// odometry itself. `rank` is each pose's place in the order of time. One entry per edge, false for trusted ones.
+/// odometry itself. `rank` is each pose's place in the order of time.
 pub(super) fn supported<G: Rigid<D, N>, const D: usize, const N: usize>(
     graph: &PoseGraph<G, D>,
     rank: &[usize],
     trusted: &[bool],
-) -> Vec<bool> {
+    chance: &Chance,
+) -> Support {
     let chain = Chain::new(graph, rank, trusted);
     // Every closure as from the earlier to the later pose.
     let mut closures = Vec::new();
@@ -132,84 +209,106 @@ pub(super) fn supported<G: Rigid<D, N>, const D: usize, const N: usize>(
         let measured = if forward { edge.measured } else { edge.measured.inverse() };
         closures.push((index, from.min(to), from.max(to), measured, doubt(edge)));
     }
-    let extent = closures.iter().map(|closure| closure.4.length).fold(0.0, f64::max);
-    let chance = Chance::new::<D, N>(extent);
-
+    // So wide that the cells around a closure would hold some neighbours if all were spread evenly.
+    let even = (NEIGHBOURS as f64 / (18.0 * closures.len().max(1) as f64)).sqrt();
+    let width = ((even * graph.poses.len() as f64) as usize).max(NEIGHBOURS);
     let mut cells: HashMap<(usize, usize), Vec<usize>> = HashMap::new();
     for (at, closure) in closures.iter().enumerate() {
-        cells.entry((closure.1 / REACH, closure.2 / REACH)).or_default().push(at);
+        cells.entry((closure.1 / width, closure.2 / width)).or_default().push(at);
     }
-    let mut supported = vec![false; graph.edges.len()];
+    let (mut near, mut all) = (Vec::new(), Vec::new());
+    let mut around = Vec::new();
     for (at, &(index, from, to, measured, own)) in closures.iter().enumerate() {
-        let direct = (to - from <= REACH).then(|| chain.way(from, to)).flatten();
-        if let Some((way, doubt)) = direct {
+        if let Some((way, doubt)) = chain.way(from, to) {
             let error = G::error(&G::identity(), &way, &measured);
-            if chance.odds::<D, N>(&error, &[own, doubt]) > ODDS {
-                supported[index] = true;
-                continue;
+            all.push(Closing::new::<G, D, N>([index; 2], &error, &[own, doubt]));
+        }
+        let (row, column) = (from / width, to / width);
+        around.clear();
+        for row in row.saturating_sub(1)..=row + 1 {
+            for column in column.saturating_sub(1)..=column + 1 {
+                let others = cells.get(&(row, column)).into_iter().flatten();
+                around.extend(others.filter(|&&other| other != at).map(|&other| {
+                    let (_, start, end, ..) = closures[other];
+                    (start.abs_diff(from) + end.abs_diff(to), other)
+                }));
             }
         }
-        let (row, column) = (from / REACH, to / REACH);
-        let rows = row.saturating_sub(1)..=row + 1;
-        let around = rows.flat_map(|row| {
-            (column.saturating_sub(1)..=column + 1).map(move |column| (row, column))
-        });
-        let near = around.filter_map(|cell| cells.get(&cell)).flatten();
-        let near = near.filter(|&&other| {
-            let (_, start, end, ..) = closures[other];
-            other != at && start.abs_diff(from) + end.abs_diff(to) <= REACH
-        });
-        supported[index] = near.take(NEIGHBOURS).any(|&other| {
-            let (_, start, end, between, doubt) = closures[other];
+        if around.len() > NEIGHBOURS {
+            around.select_nth_unstable(NEIGHBOURS - 1);
+            around.truncate(NEIGHBOURS);
+        }
+        around.sort_unstable();
+        let mut told = 0;
+        for &(_, other) in &around {
+            let (second, start, end, between, doubt) = closures[other];
             let ways = chain.way(from, start).zip(chain.way(end, to));
-            ways.is_some_and(|((before, first), (after, last))| {
-                let around = before.compose(&between).compose(&after);
-                let error = G::error(&G::identity(), &around, &measured);
-                chance.odds::<D, N>(&error, &[own, first, doubt, last]) > ODDS
-            })
-        });
+            let Some(((before, first), (after, last))) = ways else { continue };
+            let around = before.compose(&between).compose(&after);
+            let error = G::error(&G::identity(), &around, &measured);
+            let parts = [own, first, doubt, last];
+            let cycle = Closing::new::<G, D, N>([index, second], &error, &parts);
+            if told < NEAREST {
+                near.push(cycle);
+                told += 1;
+            }
+            // From the other's side it may be seen again: that changes nothing.
+            all.push(cycle);
+        }
     }
-    supported
+    conclude::<D, N>(graph.edges.len(), chance, &near, &all)
 }
 
-/// What random closures look like: anywhere in a ball, any rotation.
-struct Chance {
-    log_density: f64,
-}
-
-impl Chance {
-    fn new<const D: usize, const N: usize>(extent: f64) -> Self {
-        use std::f64::consts::PI;
-        let extent = extent.max(1e-9);
-        // Volumes of the ball and of all rotations; in space in coordinates of half the angle.
-        let volume = if N == 2 {
-            PI * extent.powi(2) * 2.0 * PI
-        } else {
-            4.0 / 3.0 * PI * extent.powi(3) * PI.powi(2)
+/// Which edges belong to cycles of at most four that close, when no odometry is known.
+pub(super) fn agreeing<G: Rigid<D, N>, const D: usize, const N: usize>(
+    graph: &PoseGraph<G, D>,
+    chance: &Chance,
+) -> Support {
+    // Motions to the neighbours of each pose, with the edge that measures it.
+    let mut ways: Vec<Vec<(usize, usize, G)>> = vec![Vec::new(); graph.poses.len()];
+    let mut between: BTreeMap<(usize, usize), Vec<(usize, G)>> = BTreeMap::new();
+    for (index, edge) in graph.edges.iter().enumerate() {
+        let back = edge.measured.inverse();
+        ways[edge.from].push((index, edge.to, edge.measured));
+        ways[edge.to].push((index, edge.from, back));
+        between.entry((edge.from, edge.to)).or_default().push((index, edge.measured));
+        between.entry((edge.to, edge.from)).or_default().push((index, back));
+    }
+    let mut all = Vec::new();
+    for (index, edge) in graph.edges.iter().enumerate() {
+        let own = doubt(edge);
+        let mut close = |path: &[usize], way: G| {
+            let error = G::error(&G::identity(), &way, &edge.measured);
+            let mut cycle = vec![own];
+            cycle.extend(path.iter().map(|&edge| doubt(&graph.edges[edge])));
+            for &other in path {
+                all.push(Closing::new::<G, D, N>([index, other], &error, &cycle));
+            }
         };
-        Chance { log_density: -volume.ln() }
+        for (direct, way) in between.get(&(edge.from, edge.to)).into_iter().flatten() {
+            if *direct != index {
+                close(&[*direct], *way);
+            }
+        }
+        for (first, a, before) in ways[edge.from].iter().take(NEIGHBOURS) {
+            if *first == index {
+                continue;
+            }
+            for (second, after) in between.get(&(*a, edge.to)).into_iter().flatten() {
+                if *second != index && second != first {
+                    close(&[*first, *second], before.compose(after));
+                }
+            }
+            for (last, b, back) in ways[edge.to].iter().take(NEIGHBOURS) {
+                if *last == index || last == first || b == a || *b == edge.from || *a == edge.to {
+                    continue;
+                }
+                for (middle, way) in between.get(&(*a, *b)).into_iter().flatten() {
+                    let around = before.compose(way).compose(&back.inverse());
+                    close(&[*first, *middle, *last], around);
+                }
+            }
+        }
     }
-
-    /// How much more probable an error is for a cycle of right measurements than by chance: log of the
-    /// ratio of densities.
-    fn odds<const D: usize, const N: usize>(
-        &self,
-        error: &SVector<f64, D>,
-        cycle: &[Doubt],
-    ) -> f64 {
-        let length: f64 = cycle.iter().map(|part| part.length).sum();
-        // In space the error's coordinates are half the angle that a lever turns by.
-        let turn = if N == 2 { 1.0 } else { 4.0 };
-        let rotation: f64 = cycle.iter().map(|part| part.rotation).sum();
-        let lever: f64 = cycle.iter().map(|part| part.rotation * (length - part.length)).sum();
-        let translation: f64 = cycle.iter().map(|part| part.translation).sum();
-        let translation = translation + turn * lever * length / 4.0;
-        let t: f64 = error.rows(0, N).norm_squared();
-        let r: f64 = error.rows(N, D - N).norm_squared();
-        let log = |variance: f64| (2.0 * std::f64::consts::PI * variance).ln();
-        let normal = -0.5 * (t / translation + r / rotation)
-            - 0.5 * (N as f64 * log(translation) + (D - N) as f64 * log(rotation));
-        let odds = normal - self.log_density;
-        if odds.is_nan() { f64::NEG_INFINITY } else { odds }
-    }
+    conclude::<D, N>(graph.edges.len(), chance, &all, &all)
 }

@@ -96,6 +96,15 @@ pub enum Error {
         /// Which component: translation first, then rotation.
         component: usize,
     },
+    /// Too few measurements agree to say where a pose is.
+    #[error(
+        "the measurements that lead to pose {id} contradict each other and none has support: which of \
+         them are wrong cannot be decided"
+    )]
+    Undecided {
+        /// The pose.
+        id: u64,
+    },
     /// χ² is not finite although every number is: values too large to square.
     #[error("the cost of the graph is not finite at edge {edge}: its numbers are too large")]
     Overflow {

@@ -7,14 +7,16 @@ use super::{Error, Group, PoseGraph};
 
 /// Sets that grow together (Tarjan 1975).
 #[derive(Clone, Debug)]
-struct Sets(Vec<usize>);
+pub(super) struct Sets(Vec<usize>);
 
 impl Sets {
-    fn new(count: usize) -> Self {
+    /// Of one member each.
+    pub fn new(count: usize) -> Self {
         Sets((0..count).collect())
     }
 
-    fn root(&mut self, mut item: usize) -> usize {
+    /// The first member of a member's set.
+    pub fn root(&mut self, mut item: usize) -> usize {
         while self.0[item] != item {
             self.0[item] = self.0[self.0[item]];
             item = self.0[item];
@@ -23,7 +25,7 @@ impl Sets {
     }
 
     /// Whether they were two sets.
-    fn join(&mut self, a: usize, b: usize) -> bool {
+    pub fn join(&mut self, a: usize, b: usize) -> bool {
         let (a, b) = (self.root(a), self.root(b));
         // The lower index is the root: a set is known by its first member.
         self.0[a.max(b)] = a.min(b);
@@ -40,13 +42,26 @@ fn held<G: Group<D>, const D: usize>(graph: &PoseGraph<G, D>) -> impl Iterator<I
 /// of all names. One entry per edge.
 ///
 /// A file numbers its poses in order of time, consecutively or not, so that these are the
-/// measurements of a robot's own motion; all others close loops.
-pub fn odometry_edges<G, const D: usize>(graph: &PoseGraph<G, D>) -> Vec<bool> {
+/// measurements of a robot's own motion; all others close loops. Where several edges measure
+/// the same step, one is odometry: that of the shortest motion, as a robot moves little in one step and
+/// false closures lead anywhere; of equals the first.
+pub fn odometry_edges<G: Group<D>, const D: usize>(graph: &PoseGraph<G, D>) -> Vec<bool> {
     let ranks = ranks(graph);
-    let follows = |a: usize, b: usize| {
-        ranks.get(a).zip(ranks.get(b)).is_some_and(|(a, b)| a.abs_diff(*b) == 1)
-    };
-    graph.edges.iter().map(|edge| follows(edge.from, edge.to)).collect()
+    let mut step: Vec<Option<(f64, usize)>> = vec![None; graph.poses.len()];
+    for (index, edge) in graph.edges.iter().enumerate() {
+        let Some((&a, &b)) = ranks.get(edge.from).zip(ranks.get(edge.to)) else { continue };
+        if a.abs_diff(b) == 1 {
+            let motion = G::identity().local(&edge.measured);
+            let length = motion.rows(0, G::DIMENSION).norm();
+            let best = &mut step[a.min(b)];
+            if best.is_none_or(|(shortest, _)| length < shortest) {
+                *best = Some((length, index));
+            }
+        }
+    }
+    let mut odometry = vec![false; graph.edges.len()];
+    step.into_iter().flatten().for_each(|(_, edge)| odometry[edge] = true);
+    odometry
 }
 
 /// The place of every pose in the ascending order of names.

@@ -10,11 +10,13 @@ mod factor;
 mod front;
 mod inverse;
 mod matrix;
+mod path;
 mod structure;
 
 pub use factor::{Factor, NotPositive};
 pub use inverse::SelectedInverse;
 pub use matrix::BlockMatrix;
+pub use path::Paths;
 pub use structure::{Structure, TooDense};
 
 #[cfg(test)]
