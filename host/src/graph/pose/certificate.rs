@@ -13,10 +13,14 @@
 //! information is split into its least eigenvalue, which is quadratic for any rotation, and a convex
 //! rest, which is above its tangent; information that couples translation and rotation, likewise.
 //!
-//! **One sparse Cholesky factorisation decides**, no eigenvalue. With Z any other poses less these,
+//! **One sparse Cholesky factorisation decides.** With Z any other poses less these,
 //! zero at held poses, and G = S Y the gradient that rounding leaves,
 //! q(Y + Z) − q(Y) = 2 tr(Zᵀ G) + tr(Zᵀ S′ Z) ≥ −tr(Gᵀ S′⁻¹ G), where S′, without the held poses, is
 //! positive definite. So the bound is exact for poses that are not quite optimal, too.
+//!
+//! **Where S′ is not**, its least eigenvalue is found (see `curvature`): it is SE-Sync's measure of
+//! how far the poses are from being certified. As the inequality holds for any symmetric multipliers, those
+//! lowered until S′ is positive definite still bound χ² from below, if not tightly.
 //!
 //! A certificate can be missing for the global optimum: when noise is large the relaxation may not be
 //! tight. It is never given to another one, up to rounding.
@@ -24,9 +28,9 @@
 use nalgebra::{SMatrix, SVector, SymmetricEigen};
 
 use super::blocks::{Blocks, Places, Singular};
-use super::normal::Layout;
+use super::curvature::least;
+use super::normal::{Layout, Limit};
 use super::rigid::Rigid;
-use super::sparse::Structure;
 use super::{Edge, Error, PoseGraph};
 
 /// What is known about the global minimum of χ².
@@ -53,6 +57,10 @@ pub enum Certificate {
     NotCertified {
         /// The poses' own χ².
         chi2: f64,
+        /// How far below it the global minimum can be at most.
+        gap: f64,
+        /// Least eigenvalue of the certificate matrix, as a share of its diagonal: below 0.
+        eigenvalue: f64,
         /// Id of the pose at which the curvature shows.
         pose: u64,
     },
@@ -63,6 +71,11 @@ pub enum Certificate {
         chi2: f64,
         /// The edge's index.
         edge: usize,
+    },
+    /// The graph is too densely connected for a factorisation, without which nothing can be said.
+    Undecided {
+        /// The poses' own χ².
+        chi2: f64,
     },
 }
 
@@ -81,10 +94,19 @@ impl Certificate {
     /// What χ² cannot be below, whatever the poses; zero where nothing better is known.
     pub fn lower_bound(&self) -> f64 {
         match *self {
-            Certificate::Certified { chi2, gap } | Certificate::Bounded { chi2, gap } => {
-                (chi2 - gap).max(0.0)
-            }
-            Certificate::NotCertified { .. } | Certificate::Unbounded { .. } => 0.0,
+            Certificate::Certified { chi2, gap }
+            | Certificate::Bounded { chi2, gap }
+            | Certificate::NotCertified { chi2, gap, .. } => (chi2 - gap).max(0.0),
+            Certificate::Unbounded { .. } | Certificate::Undecided { .. } => 0.0,
+        }
+    }
+
+    /// The least eigenvalue of the certificate matrix, a share of its diagonal, where it is known: where
+    /// it is below 0.
+    pub fn eigenvalue(&self) -> Option<f64> {
+        match *self {
+            Certificate::NotCertified { eigenvalue, .. } => Some(eigenvalue),
+            _ => None,
         }
     }
 }
@@ -92,7 +114,7 @@ impl Certificate {
 /// Whether the poses of `graph`, a minimum of χ² that some optimiser found, are the global one.
 ///
 /// Edges that a robust method rejects must be left out before, weights be part of the information. Costs about
-/// as much as one iteration of Gauss–Newton.
+/// as much as one iteration of Gauss–Newton where the answer is yes, some more where it is no.
 ///
 /// ```
 /// use tactile_host::graph::pose::certificate::certify;
@@ -129,7 +151,8 @@ impl Certificate {
 pub fn certify<G: Rigid<D, N>, const D: usize, const N: usize>(
     graph: &PoseGraph<G, D>,
 ) -> Result<Certificate, Error> {
-    G::certify(graph)
+    graph.check()?;
+    G::certify(graph, &Layout::new(graph, &graph.held(), Limit::default())?)
 }
 
 /// A quadratic lower bound of one edge's χ² in the blocks Y of its poses: a translation above the
@@ -229,77 +252,153 @@ fn least_eigenvalue<const K: usize>(matrix: SMatrix<f64, K, K>) -> f64 {
     SymmetricEigen::new(matrix).eigenvalues.min()
 }
 
-/// [`certify`] with blocks of H = N + 1 numbers.
+/// [`certify`] with blocks of H = N + 1 numbers, of a graph that is checked, in a layout that is known.
 pub(super) fn in_blocks<G: Rigid<D, N>, const D: usize, const N: usize, const H: usize>(
-    graph: &PoseGraph<G, D>,
-) -> Result<Certificate, Error> {
-    graph.check()?;
-    certify_in::<G, D, N, H>(graph, &Layout::new(graph, &graph.held(), Structure::LIMIT)?)
-}
-
-/// [`certify`] of a graph that is checked, in a layout that is known.
-fn certify_in<G: Rigid<D, N>, const D: usize, const N: usize, const H: usize>(
     graph: &PoseGraph<G, D>,
     layout: &Layout,
 ) -> Result<Certificate, Error> {
-    let chi2 = graph.chi2();
+    if !layout.structure.is_complete() {
+        return Ok(Certificate::Undecided { chi2: graph.chi2() });
+    }
     let places = Places::new(graph, layout);
-    let lifted: Vec<SMatrix<f64, H, N>> = graph.poses.iter().map(lift).collect();
-    let mut system = Blocks::<H>::new(&places);
-    // M Y, and what χ² is above its bound at these poses.
-    let mut forces = vec![SMatrix::<f64, H, N>::zeros(); graph.poses.len()];
-    let mut slack = 0.0;
-    for (index, edge) in graph.edges.iter().enumerate() {
-        let (from, to) = (edge.from, edge.to);
-        let error = G::error(&graph.poses[from], &graph.poses[to], &edge.measured);
-        let Some(bound) = Bound::<H>::new(edge, &error) else {
-            return Ok(Certificate::Unbounded { chi2, edge: index });
-        };
-        let by_from = bound.from * lifted[from] + bound.coupling.tr_mul(&lifted[to]);
-        let by_to = bound.to * lifted[to] + bound.coupling * lifted[from];
-        let value = lifted[from].dot(&by_from) + lifted[to].dot(&by_to) + bound.constant;
-        slack += (edge.chi2(&graph.poses) - value).max(0.0);
-        forces[from] += by_from;
-        forces[to] += by_to;
-        system.add_pose(from, &bound.from);
-        system.add_pose(to, &bound.to);
-        system.add_edge(index, &bound.coupling);
+    Ok(match Dual::<H, N>::new(graph, &places) {
+        Ok(dual) => dual.certificate(&graph.ids),
+        Err(edge) => Certificate::Unbounded { chi2: graph.chi2(), edge },
+    })
+}
+
+/// The certificate matrix S′ at some poses.
+struct Dual<'p, const H: usize, const N: usize> {
+    places: &'p Places<'p>,
+    matrix: Blocks<'p, H>,
+    /// Y, by pose.
+    lifted: Vec<SMatrix<f64, H, N>>,
+    /// S Y of the free poses: columns one after the other, each by position.
+    gradient: Vec<f64>,
+    chi2: f64,
+    /// What χ² is above its bound at these poses.
+    slack: f64,
+}
+
+impl<'p, const H: usize, const N: usize> Dual<'p, H, N> {
+    /// Of the poses of `graph`.
+    ///
+    /// # Errors
+    /// An edge without a bound.
+    fn new<G: Rigid<D, N>, const D: usize>(
+        graph: &PoseGraph<G, D>,
+        places: &'p Places<'p>,
+    ) -> Result<Self, usize> {
+        let lifted: Vec<SMatrix<f64, H, N>> = graph.poses.iter().map(lift).collect();
+        let mut matrix = Blocks::<H>::new(places);
+        // M Y.
+        let mut forces = vec![SMatrix::<f64, H, N>::zeros(); graph.poses.len()];
+        let (mut chi2, mut slack) = (0.0, 0.0);
+        for (index, edge) in graph.edges.iter().enumerate() {
+            let (from, to) = (edge.from, edge.to);
+            let error = G::error(&graph.poses[from], &graph.poses[to], &edge.measured);
+            let bound = Bound::<H>::new(edge, &error).ok_or(index)?;
+            let by_from = bound.from * lifted[from] + bound.coupling.tr_mul(&lifted[to]);
+            let by_to = bound.to * lifted[to] + bound.coupling * lifted[from];
+            let value = lifted[from].dot(&by_from) + lifted[to].dot(&by_to) + bound.constant;
+            let own = error.dot(&(edge.information * error));
+            chi2 += own;
+            slack += (own - value).max(0.0);
+            forces[from] += by_from;
+            forces[to] += by_to;
+            matrix.add_pose(from, &bound.from);
+            matrix.add_pose(to, &bound.to);
+            matrix.add_edge(index, &bound.coupling);
+        }
+        // Multipliers make the forces on rotations zero, as far as symmetric ones can.
+        let rows = places.free() * H;
+        let mut gradient = vec![0.0; rows * N];
+        for (pose, force) in forces.iter().enumerate() {
+            let Some(at) = places.position(pose) else { continue };
+            let rotation = SMatrix::<f64, N, N>::from_fn(|r, c| lifted[pose][(1 + r, c)]);
+            let turning = SMatrix::<f64, N, N>::from_fn(|r, c| force[(1 + r, c)]);
+            let multiplier = turning * rotation.transpose();
+            let multiplier = (multiplier + multiplier.transpose()) * 0.5;
+            let kept = multiplier * rotation;
+            let mut block = SMatrix::<f64, H, H>::zeros();
+            for r in 0..N {
+                for c in 0..N {
+                    block[(1 + r, 1 + c)] = -multiplier[(r, c)];
+                }
+            }
+            matrix.add_pose(pose, &block);
+            for c in 0..N {
+                for r in 0..H {
+                    let kept = if r == 0 { 0.0 } else { kept[(r - 1, c)] };
+                    gradient[c * rows + at * H + r] = force[(r, c)] - kept;
+                }
+            }
+        }
+        Ok(Dual { places, matrix, lifted, gradient, chi2, slack })
     }
 
-    // Multipliers make the forces on rotations zero, as far as symmetric ones can.
-    let rows = places.free() * H;
-    let mut gradient = vec![0.0; rows * N];
-    for (pose, force) in forces.iter().enumerate() {
-        let Some(at) = places.position(pose) else { continue };
-        let rotation = SMatrix::<f64, N, N>::from_fn(|r, c| lifted[pose][(1 + r, c)]);
-        let turning = SMatrix::<f64, N, N>::from_fn(|r, c| force[(1 + r, c)]);
-        let multiplier = turning * rotation.transpose();
-        let multiplier = (multiplier + multiplier.transpose()) * 0.5;
-        let kept = multiplier * rotation;
-        let mut block = SMatrix::<f64, H, H>::zeros();
-        for r in 0..N {
-            for c in 0..N {
-                block[(1 + r, 1 + c)] = -multiplier[(r, c)];
+    fn certificate(&self, ids: &[u64]) -> Certificate {
+        let chi2 = self.chi2;
+        let mut solved = self.gradient.clone();
+        match self.matrix.clone().solve(&mut solved) {
+            Ok(()) => {
+                let gap = self.slack + dot(&self.gradient, &solved);
+                if gap <= TOLERANCE * chi2 + ROUNDING {
+                    Certificate::Certified { chi2, gap }
+                } else {
+                    Certificate::Bounded { chi2, gap }
+                }
             }
-        }
-        system.add_pose(pose, &block);
-        for c in 0..N {
-            for r in 0..H {
-                let kept = if r == 0 { 0.0 } else { kept[(r - 1, c)] };
-                gradient[c * rows + at * H + r] = force[(r, c)] - kept;
+            Err(Singular { pose, .. }) => {
+                let (eigenvalue, gap) = self.lowered();
+                Certificate::NotCertified { chi2, gap: gap.min(chi2), eigenvalue, pose: ids[pose] }
             }
         }
     }
-    let mut solved = gradient.clone();
-    if let Err(Singular { pose, .. }) = system.solve(&mut solved) {
-        return Ok(Certificate::NotCertified { chi2, pose: graph.ids[pose] });
+
+    /// Where S′ is not positive definite: its least eigenvalue as a share of the diagonal of its
+    /// rotations, and how far χ² can fall with multipliers lowered by as much.
+    fn lowered(&self) -> (f64, f64) {
+        let size = self.rotation_sizes();
+        let Some(curvature) = least(&self.matrix, &size) else {
+            return (f64::NEG_INFINITY, f64::INFINITY);
+        };
+        // A little more than the eigenvalue, which is found from above.
+        let mut share = -1.05 * curvature.value;
+        for _ in 0..8 {
+            let mut gradient = self.gradient.clone();
+            let rows = size.len();
+            for (pose, own) in self.lifted.iter().enumerate() {
+                let Some(at) = self.places.position(pose) else { continue };
+                for (c, r) in (0..N).flat_map(|c| (1..H).map(move |r| (c, r))) {
+                    let row = at * H + r;
+                    gradient[c * rows + row] += share * size[row] * own[(r, c)];
+                }
+            }
+            let mut solved = gradient.clone();
+            if self.matrix.raised(share, &size).solve(&mut solved).is_ok() {
+                return (curvature.value, self.slack + dot(&gradient, &solved));
+            }
+            share *= 1.5;
+        }
+        (curvature.value, f64::INFINITY)
     }
-    let gap = slack + gradient.iter().zip(&solved).map(|(a, b)| a * b).sum::<f64>();
-    Ok(if gap <= TOLERANCE * chi2 + ROUNDING {
-        Certificate::Certified { chi2, gap }
-    } else {
-        Certificate::Bounded { chi2, gap }
-    })
+
+    /// The mean diagonal of every pose's rotation in each of its rows, none in that of its
+    /// translation, by position.
+    fn rotation_sizes(&self) -> Vec<f64> {
+        let mut sizes = vec![0.0; self.places.free() * H];
+        for (at, own) in sizes.chunks_exact_mut(H).enumerate() {
+            let block = self.matrix.diagonal(at);
+            let mean = (1..H).map(|r| block[(r, r)].abs()).sum::<f64>() / N as f64;
+            own[1..].fill(mean);
+        }
+        sizes
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// A pose's translation above the transpose of its rotation.

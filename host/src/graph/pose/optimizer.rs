@@ -4,8 +4,8 @@ use nalgebra::SVector;
 
 use super::error::Error;
 use super::kernel::Kernel;
-use super::normal::{Cost, Layout, Normal};
-use super::sparse::{Factor, NotPositive, Structure};
+use super::normal::{Cost, Layout, Limit, Normal};
+use super::sparse::{Factor, NotPositive, Reached, conjugate_gradients};
 use super::{Group, PoseGraph};
 
 /// How to step from one estimate to the next.
@@ -99,6 +99,16 @@ impl Summary {
         self.stop == Stop::Converged
     }
 
+    /// This and a descent that went on where it ended.
+    pub(super) fn followed_by(mut self, next: Summary) -> Summary {
+        let before = self.steps.len();
+        let renumbered = |step: Iteration| Iteration { number: before + step.number, ..step };
+        self.steps.extend(next.steps.into_iter().map(renumbered));
+        self.factorisations += next.factorisations;
+        (self.final_chi2, self.final_cost, self.stop) = (next.final_chi2, next.final_cost, next.stop);
+        self
+    }
+
     /// Number of steps tried.
     pub fn iterations(&self) -> usize {
         self.steps.len()
@@ -155,16 +165,17 @@ impl<const D: usize> Optimizer<D> {
     /// For graphs connected like `graph`.
     ///
     /// # Errors
-    /// Edges that make no sense, or a graph too densely connected.
+    /// Edges that make no sense.
     pub fn new<G: Group<D>>(graph: &PoseGraph<G, D>) -> Result<Self, Error> {
-        Self::with_limit(graph, Structure::LIMIT)
+        Self::with_limit(graph, Limit::default())
     }
 
-    /// Like [`new`](Self::new) for a factor of at most `limit` blocks of D² numbers of 8 bytes.
+    /// Like [`new`](Self::new). A graph whose factor would be beyond `limit` is solved by conjugate gradients,
+    /// preconditioned by a tree.
     ///
     /// # Errors
-    /// Edges that make no sense, or a graph too densely connected.
-    pub fn with_limit<G: Group<D>>(graph: &PoseGraph<G, D>, limit: usize) -> Result<Self, Error> {
+    /// Edges that make no sense.
+    pub fn with_limit<G: Group<D>>(graph: &PoseGraph<G, D>, limit: Limit) -> Result<Self, Error> {
         graph.check_indices()?;
         let held = graph.held();
         let layout = Layout::new(graph, &held, limit)?;
@@ -212,6 +223,8 @@ impl<const D: usize> Optimizer<D> {
             trial: poses.clone(),
             steps: Vec::new(),
             factorisations: 0,
+            damping: 0.0,
+            accurate: true,
         };
         let (initial_cost, final_cost, stop) = match options.method {
             Method::GaussNewton => search.gauss_newton(&mut poses)?,
@@ -303,6 +316,10 @@ struct Search<'a, G: Group<D>, const D: usize> {
     trial: Vec<G>,
     steps: Vec<Iteration>,
     factorisations: usize,
+    /// Of the factor.
+    damping: f64,
+    /// Whether the last solution is one.
+    accurate: bool,
 }
 
 /// Initial cost, final cost and why it ended.
@@ -310,6 +327,10 @@ type Outcome = Result<(f64, f64, Stop), Error>;
 
 /// A step that makes the cost rise by no more than rounding does not count as rising.
 const ROUNDING: f64 = 1e-13;
+
+/// Residual, as a share of the gradient, to which steps are computed where they cannot be exact (inexact
+/// Newton method: Dembo, Eisenstat and Steihaug 1982).
+const INEXACT: f64 = 1e-3;
 
 /// A factor is kept for the next step where this one promises to lower the cost by no more than this
 /// share,
@@ -333,16 +354,26 @@ impl<G: Group<D>, const D: usize> Search<'_, G, D> {
 
     fn factorise(&mut self, damping: f64) -> Result<(), NotPositive> {
         self.factorisations += 1;
+        self.damping = damping;
         let Optimizer { layout, normal, factor, .. } = &mut *self.solver;
         factor.factorise(&layout.structure, &normal.matrix, damping)
     }
 
     /// H⁻¹ g, with gᵀ H⁻¹ g.
-    fn solve(&self) -> (Vec<f64>, f64) {
-        let mut step = self.solver.normal.gradient.clone();
-        self.solver.factor.solve(&self.solver.layout.structure, &mut step);
-        let promised = dot(&step, &self.solver.normal.gradient);
+    fn solve(&mut self) -> (Vec<f64>, f64) {
+        let Optimizer { layout, normal, factor, .. } = &*self.solver;
+        let mut step = normal.gradient.clone();
+        let (structure, matrix) = (&layout.structure, &normal.matrix);
+        let Reached { accurate, .. } =
+            conjugate_gradients(structure, factor, matrix, self.damping, &mut step, INEXACT);
+        let promised = dot(&step, &normal.gradient);
+        self.accurate = accurate;
         (step, promised)
+    }
+
+    /// Why it ends when a step promises next to nothing: an inexact one says little.
+    fn settled(&self) -> Stop {
+        if self.accurate { Stop::Converged } else { Stop::Stalled }
     }
 
     /// `trial` becomes `poses` ⊕ −share·step.
@@ -420,7 +451,7 @@ impl<G: Group<D>, const D: usize> Search<'_, G, D> {
                     self.report(reached, promised, cost - reached, 1.0);
                     cost = reached;
                 }
-                return Ok((initial, cost, Stop::Converged));
+                return Ok((initial, cost, self.settled()));
             }
             // Where little is left to be gained, the next step is likely to do without the matrix.
             let settled = reuse.is_some() || promised < SETTLED * cost;
@@ -488,7 +519,7 @@ impl<G: Group<D>, const D: usize> Search<'_, G, D> {
                 growth = 2.0;
                 cost = reached;
                 if close {
-                    return Ok((initial, cost, Stop::Converged));
+                    return Ok((initial, cost, self.settled()));
                 }
                 self.linearise(poses, false);
             } else {
