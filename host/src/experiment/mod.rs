@@ -9,6 +9,7 @@ pub mod graphs;
 pub mod localization;
 pub mod memory;
 pub mod model;
+mod peak;
 pub mod pose_graphs;
 pub mod proportion;
 pub mod push;
@@ -16,6 +17,8 @@ pub mod sensing;
 pub mod shapes;
 pub mod touches;
 pub mod tracking;
+
+pub use peak::{forget_peak, peak_memory};
 
 use std::fmt;
 use std::path::PathBuf;

@@ -117,7 +117,7 @@ impl<'p, const B: usize> Blocks<'p, B> {
 
 /// What is left of a residual where the factor is that of a tree only: relaxations are solved for initial
 /// values.
-const ACCURACY: f64 = 1e-4;
+const ACCURACY: f64 = 1e-7;
 
 /// A symmetric positive definite matrix as its factor.
 pub(super) struct Factorised<'p, const B: usize> {

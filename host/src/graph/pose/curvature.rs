@@ -2,16 +2,7 @@
 
 use nalgebra::{DMatrix, SymmetricEigen};
 
-use super::blocks::{Blocks, Factorised};
-
-/// How much a matrix curves down.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Curvature {
-    /// xᵀ S x / xᵀ B x: the least eigenvalue to some per cent, from above.
-    pub value: f64,
-    /// x, by position.
-    pub direction: Vec<f64>,
-}
+use super::blocks::Blocks;
 
 /// Vectors of Lanczos' iteration at most.
 const STEPS: usize = 40;
@@ -19,14 +10,15 @@ const STEPS: usize = 40;
 /// Converged when an eigenvalue is known to this part.
 const ACCURACY: f64 = 1e-3;
 
-/// The least eigenvalue λ of S x = λ B x, where B is a diagonal without negative `sizes`; `None` where B is
+/// The least eigenvalue λ of S x = λ B x, to a small part of itself, where B is a diagonal without
+/// negative `sizes`; `None` where B is
 /// zero or S is not positive definite where B has no say.
 ///
 /// S + σ B is factorised for growing σ until it is positive definite: then −σ is just below λ, and
 /// Lanczos' iteration (1950) on B½ (S + σ B)⁻¹ B½, whose greatest eigenvalue is 1/(λ + σ), needs few
 /// steps. Where B leaves translations out, λ is that of the matrix with them eliminated, as in
 /// SE-Sync.
-pub(super) fn least<const H: usize>(matrix: &Blocks<'_, H>, sizes: &[f64]) -> Option<Curvature> {
+pub(super) fn least<const H: usize>(matrix: &Blocks<'_, H>, sizes: &[f64]) -> Option<f64> {
     if !sizes.iter().any(|&size| size > 0.0) {
         return None;
     }
@@ -45,21 +37,12 @@ pub(super) fn least<const H: usize>(matrix: &Blocks<'_, H>, sizes: &[f64]) -> Op
         product.iter_mut().zip(&roots).for_each(|(x, root)| *x *= root);
         product
     };
-    let (value, vector) = greatest(apply, &roots)?;
-    Some(Curvature { value: 1.0 / value - shift, direction: unscaled(&factor, &vector, &roots) })
+    Some(1.0 / greatest(apply, &roots)? - shift)
 }
 
-/// (S + σ B)⁻¹ B½ u, which is B^-½ u up to its length where B is not zero, and what minimises
-/// the form elsewhere.
-fn unscaled<const H: usize>(factor: &Factorised<'_, H>, u: &[f64], roots: &[f64]) -> Vec<f64> {
-    let mut direction: Vec<f64> = u.iter().zip(roots).map(|(u, root)| u * root).collect();
-    factor.solve(&mut direction);
-    direction
-}
-
-/// The greatest eigenvalue of a symmetric positive semidefinite operator, and its vector of length 1;
-/// where `support` is zero so are its vectors.
-fn greatest(apply: impl Fn(&[f64]) -> Vec<f64>, support: &[f64]) -> Option<(f64, Vec<f64>)> {
+/// The greatest eigenvalue of a symmetric positive semidefinite operator, from below, whose vectors are zero
+/// where `support` is.
+fn greatest(apply: impl Fn(&[f64]) -> Vec<f64>, support: &[f64]) -> Option<f64> {
     // Any start will do that is not orthogonal to what is sought: numbers without a pattern.
     let start = (0..support.len()).map(|k| ((k as f64 + 1.0) * 0.618_033_988_75).fract() - 0.5);
     let mut basis: Vec<Vec<f64>> = Vec::new();
@@ -96,19 +79,13 @@ fn greatest(apply: impl Fn(&[f64]) -> Vec<f64>, support: &[f64]) -> Option<(f64,
         });
         let eigen = SymmetricEigen::new(small);
         let at = eigen.eigenvalues.imax();
-        let (value, vector) = (eigen.eigenvalues[at], eigen.eigenvectors.column(at).into_owned());
-        let left = rest * vector[size - 1].abs();
-        best = Some((value, vector));
-        if left <= ACCURACY * value {
+        let value = eigen.eigenvalues[at];
+        best = Some(value);
+        if rest * eigen.eigenvectors[(size - 1, at)].abs() <= ACCURACY * value {
             break;
         }
     }
-    let (value, small) = best.filter(|(value, _)| *value > 0.0)?;
-    let mut vector = vec![0.0; support.len()];
-    for (own, &share) in basis.iter().zip(small.iter()) {
-        vector.iter_mut().zip(own).for_each(|(x, own)| *x += share * own);
-    }
-    Some((value, vector))
+    best.filter(|&value| value > 0.0)
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

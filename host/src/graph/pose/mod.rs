@@ -11,6 +11,7 @@ mod check;
 pub mod chordal;
 mod curvature;
 mod cycles;
+mod descent;
 pub mod diagnosis;
 pub mod error;
 pub mod g2o;
