@@ -40,8 +40,8 @@ pub struct OptimizeArgs {
     /// deviations on [default of K: what 5 % of good edges exceed]
     #[arg(long, value_name = "KIND[:K]", default_value = "none")]
     robust: Robust,
-    /// Where to start [default: the file's poses if they fit their measurements already, else the
-    /// cheaper of chordal and file]
+    /// Where to start, once [default: the file's poses if they fit their measurements already, else the
+    /// cheaper of chordal and file; then the others unless that ends certified; the cheapest is kept]
     #[arg(long, value_enum)]
     init: Option<Start>,
     /// How to descend

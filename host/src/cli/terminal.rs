@@ -141,6 +141,18 @@ impl Progress {
 
     /// So much is done; from any thread.
     pub fn at(&self, done: usize, all: usize) {
+        self.draw(|seconds| bar(self.what, self.unit, done, all, seconds));
+    }
+
+    /// How far work is of which nobody knows the end; from any thread.
+    pub fn reached(&self, done: usize, state: impl Display) {
+        self.draw(|seconds| {
+            let Progress { what, unit, .. } = self;
+            format!("{what:<9}{done} {unit}, {state}, {}", duration(seconds))
+        });
+    }
+
+    fn draw(&self, line: impl FnOnce(f64) -> String) {
         if !self.shown {
             return;
         }
@@ -151,7 +163,7 @@ impl Progress {
             return;
         }
         *drawn = Some(Instant::now());
-        let line = bar(self.what, self.unit, done, all, elapsed.as_secs_f64());
+        let line = line(elapsed.as_secs_f64());
         let _ = write!(std::io::stderr(), "\r\x1b[K{line}");
     }
 }

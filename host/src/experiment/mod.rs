@@ -10,6 +10,7 @@ pub mod localization;
 pub mod memory;
 pub mod model;
 pub mod outliers;
+mod peak;
 pub mod pose_graphs;
 pub mod proportion;
 pub mod push;
@@ -17,6 +18,8 @@ pub mod sensing;
 pub mod shapes;
 pub mod touches;
 pub mod tracking;
+
+pub use peak::{forget_peak, peak_memory};
 
 use std::fmt;
 use std::path::PathBuf;

@@ -1,12 +1,13 @@
 //! From the file's poses to the best ones.
 
-use std::io::{IsTerminal, Write};
 use std::time::Instant;
 
 use super::OptimizeArgs;
 use crate::cli::Error;
+use crate::cli::terminal::Progress;
 use crate::graph::pose::certificate::{Certificate, certify};
 use crate::graph::pose::diagnosis::{Fit, Name};
+use crate::graph::pose::global::optimize_globally;
 use crate::graph::pose::gnc::{Gnc, gnc};
 use crate::graph::pose::{self, Iteration, Optimizer, Options, PoseGraph, Rigid, Start};
 
@@ -25,6 +26,8 @@ pub(super) struct Solved {
     pub converged: bool,
     /// Of initial values and descent.
     pub seconds: f64,
+    /// Of certificates.
+    pub certifying: f64,
     /// Of the edges that are not left out; `None` where kernels weigh them, so that χ² is not what was
     /// minimised.
     pub certificate: Option<Certificate>,
@@ -72,41 +75,44 @@ fn with_all<G: Rigid<D, N>, const D: usize, const N: usize>(
         Start::Odometry.place(graph)?;
     }
     let initial_chi2 = graph.chi2();
-    let clock = Instant::now();
-    let start = match args.init {
-        Some(start) => {
-            start.place(graph)?;
-            start
-        }
-        None => match Start::best(graph) {
-            Start::File if !has_poses => Start::Odometry,
-            start => start,
-        },
-    };
-    let start_chi2 = graph.chi2();
     let options = Options {
         method: args.method.into(),
         kernel: args.robust.kernel(D),
         max_iterations: args.iterations,
         ..Options::default()
     };
-    let mut progress = Progress::default();
-    let mut optimizer = Optimizer::new(graph)?;
-    let summary =
-        optimizer.optimize_weighted(graph, None, &options, &mut |step| progress.show(step));
-    let seconds = clock.elapsed().as_secs_f64();
-    progress.wipe();
-    let summary = summary?;
+    let progress = Progress::new("descent", "steps");
+    let mut watch = |step: &Iteration| {
+        progress.reached(step.number + 1, format_args!("cost {:.6e}", step.cost));
+    };
+    let clock = Instant::now();
+    let (start, summary, certificate, certifying) = match args.init {
+        None => {
+            let found = optimize_globally(graph, &options, &mut watch)?;
+            (found.start, found.summary, found.certificate, found.certifying.as_secs_f64())
+        }
+        Some(start) => {
+            start.place(graph)?;
+            let mut optimizer = Optimizer::new(graph)?;
+            let summary = optimizer.optimize_weighted(graph, None, &options, &mut watch)?;
+            let clock = Instant::now();
+            let certificate = args.robust.is_none().then(|| certify(graph)).transpose()?;
+            (start, summary, certificate, clock.elapsed().as_secs_f64())
+        }
+    };
+    let seconds = clock.elapsed().as_secs_f64() - certifying;
+    drop(progress);
     Ok(Solved {
         initial_chi2,
-        start: Some(start),
-        start_chi2,
+        start: Some(if start == Start::File && !has_poses { Start::Odometry } else { start }),
+        start_chi2: summary.initial_chi2,
         final_chi2: summary.final_chi2,
         final_cost: summary.final_cost,
         iterations: summary.iterations(),
         converged: summary.converged(),
         seconds,
-        certificate: args.robust.is_none().then(|| certify(graph)).transpose()?,
+        certifying,
+        certificate,
         outliers: None,
         fit: Fit::of(graph, WORST),
     })
@@ -132,6 +138,8 @@ fn without_outliers<G: Rigid<D, N>, const D: usize, const N: usize>(
     let mut kept = graph.clone();
     kept.edges.retain(|_| index.next().is_some_and(|edge| found.is_inlier(edge)));
     let fit = Fit::of(&kept, WORST);
+    let clock = Instant::now();
+    let certificate = certify(&kept)?;
     Ok(Solved {
         initial_chi2,
         start: None,
@@ -141,31 +149,9 @@ fn without_outliers<G: Rigid<D, N>, const D: usize, const N: usize>(
         iterations: found.rounds,
         converged: true,
         seconds,
-        certificate: Some(certify(&kept)?),
+        certifying: clock.elapsed().as_secs_f64(),
+        certificate: Some(certificate),
         outliers: Some(outliers),
         fit,
     })
-}
-
-/// One line on standard error that says how far the descent is, if somebody is looking.
-#[derive(Default)]
-struct Progress {
-    width: usize,
-}
-
-impl Progress {
-    fn show(&mut self, step: &Iteration) {
-        if std::io::stderr().is_terminal() {
-            let line = format!("iteration {}: cost {:.6e}", step.number + 1, step.cost);
-            let _ = write!(std::io::stderr(), "\r{line:<width$}", width = self.width);
-            self.width = line.len();
-        }
-    }
-
-    fn wipe(&mut self) {
-        if self.width > 0 {
-            let _ = write!(std::io::stderr(), "\r{:width$}\r", "", width = self.width);
-            self.width = 0;
-        }
-    }
 }

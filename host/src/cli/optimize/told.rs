@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 
 use super::solve::Solved;
+use crate::experiment::peak_memory;
 use crate::graph::pose::Start;
 use crate::graph::pose::certificate::Certificate;
 use crate::graph::pose::diagnosis::Diagnosis;
@@ -64,12 +65,15 @@ impl Told<'_> {
             "seconds": solved.seconds,
             "certified": self.is_certified(),
             "lower_bound": solved.certificate.map(|c| c.lower_bound()),
+            "certificate_eigenvalue": solved.certificate.and_then(|c| c.eigenvalue()),
+            "certificate_seconds": solved.certifying,
             "converged": solved.converged,
             "start": solved.start.map(Start::name),
             "start_chi2": solved.start_chi2,
             "final_cost": solved.final_cost,
             "degrees_of_freedom": solved.fit.degrees,
             "reading_seconds": reading,
+            "peak_memory_bytes": peak_memory(),
             "dimension": self.dimension(),
             "poses": diagnosis.poses,
             "edges": diagnosis.edges,
@@ -127,6 +131,9 @@ impl Told<'_> {
         lines.push(match solved.certificate {
             None => "no certificate: edges were weighed".into(),
             Some(Certificate::Certified { .. }) => "certified: no poses have a lower χ²".into(),
+            Some(Certificate::Undecided { .. }) => {
+                "not certified: the graph is too densely connected for a certificate".into()
+            }
             Some(other) if other.lower_bound() > 0.0 => {
                 format!("not certified: no poses have a χ² below {:.6}", other.lower_bound())
             }

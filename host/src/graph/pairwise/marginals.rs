@@ -1,11 +1,10 @@
-//! How uncertain the poses of a small graph are. Grasps are few: the information matrix is inverted as
-//! it is.
+//! How uncertain the poses of a small graph are, each for itself and beside the others.
 
-use nalgebra::{Const, DMatrix, OMatrix, SMatrix};
+use nalgebra::{Const, OMatrix, SMatrix};
 
 use super::motion::{Motion, adjoint};
 use crate::graph::joint::tangent::axes;
-use crate::graph::pose::PoseGraph;
+use crate::graph::pose::{self, PoseGraph};
 
 /// Metres that count as a radian where poses are compared: half the size of what a hand grasps.
 const RADIUS: f64 = 0.05;
@@ -22,42 +21,14 @@ pub struct Doubt<const D: usize> {
 
 /// Of every pose, no marginal for the fixed ones; `None` where the graph leaves a pose open.
 pub fn marginals<G: Motion<D>, const D: usize>(graph: &PoseGraph<G, D>) -> Option<Vec<Doubt<D>>> {
-    let free: Vec<Option<usize>> = {
-        let mut next = 0;
-        let mut number = |pose: usize| {
-            let free = !graph.fixed.contains(&pose);
-            next += usize::from(free);
-            free.then(|| next - 1)
-        };
-        (0..graph.poses.len()).map(&mut number).collect()
-    };
-    let unknown = D * free.iter().flatten().count();
-    let mut information = DMatrix::<f64>::zeros(unknown, unknown);
-    for edge in &graph.edges {
-        let (from, to) = (graph.poses.get(edge.from)?, graph.poses.get(edge.to)?);
-        let by = G::linearise(from, to, &edge.measured);
-        let ends = [(free[edge.from], by.from), (free[edge.to], by.to)];
-        for (row, left) in &ends {
-            for (column, right) in &ends {
-                if let (Some(row), Some(column)) = (row, column) {
-                    let mut block = information.fixed_view_mut::<D, D>(D * row, D * column);
-                    block += left.transpose() * edge.information * right;
-                }
-            }
-        }
-    }
-    let inverse = information.cholesky()?.inverse();
-    // The fixed poses back in their places, without doubt.
     let count = graph.poses.len();
-    let mut covariance = DMatrix::<f64>::zeros(D * count, D * count);
-    for (i, row) in free.iter().enumerate() {
-        for (j, column) in free.iter().enumerate() {
-            if let (Some(row), Some(column)) = (row, column) {
-                let block = inverse.fixed_view::<D, D>(D * row, D * column);
-                covariance.fixed_view_mut::<D, D>(D * i, D * j).copy_from(&block);
-            }
-        }
+    let found = pose::marginals(graph).ok()?;
+    // A part without a fixed pose would be held by its first.
+    let open = |pose: &usize| found.pose(*pose).amax() == 0.0 && !graph.fixed.contains(pose);
+    if (0..count).any(|pose| open(&pose)) {
+        return None;
     }
+    let covariance = found.joint(&(0..count).collect::<Vec<_>>());
     // How every pose moves, in its own axes, when all move together.
     let mut together = OMatrix::<f64, nalgebra::Dyn, Const<D>>::zeros(D * count);
     let mut weighed = together.clone();

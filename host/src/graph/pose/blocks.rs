@@ -6,8 +6,8 @@
 use nalgebra::SMatrix;
 
 use super::normal::Layout;
-use super::sparse::{BlockMatrix, Factor, NotPositive};
-use super::{Group, PoseGraph};
+use super::sparse::{BlockMatrix, Factor, NotPositive, Structure, conjugate_gradients};
+use super::{Edge, Group, PoseGraph};
 
 /// Where the block of an edge is below the diagonal.
 #[derive(Clone, Copy, Debug)]
@@ -28,12 +28,11 @@ pub(super) struct Places<'l> {
 impl<'l> Places<'l> {
     /// Of a graph in its layout.
     pub fn new<G: Group<D>, const D: usize>(graph: &PoseGraph<G, D>, layout: &'l Layout) -> Self {
-        let slot = |from: usize, to: usize| {
-            let (a, b) = layout.position(from).zip(layout.position(to))?;
-            let at = layout.structure.slot(a.max(b), a.min(b))?;
-            Some(Slot { at, transposed: a > b })
+        let slot = |(index, edge): (usize, &Edge<G, D>)| {
+            let (a, b) = layout.position(edge.from).zip(layout.position(edge.to))?;
+            Some(Slot { at: layout.slot[index] as usize, transposed: a > b })
         };
-        let slots = graph.edges.iter().map(|edge| slot(edge.from, edge.to)).collect();
+        let slots = graph.edges.iter().enumerate().map(slot).collect();
         Places { layout, slots }
     }
 
@@ -78,25 +77,65 @@ impl<'p, const B: usize> Blocks<'p, B> {
         }
     }
 
+    /// The diagonal block at a position.
+    pub fn diagonal(&self, position: usize) -> &SMatrix<f64, B, B> {
+        &self.matrix.diagonal[position]
+    }
+
+    /// This matrix plus `share` of `sizes`, a diagonal by position.
+    pub fn raised(&self, share: f64, sizes: &[f64]) -> Self {
+        let mut raised = self.clone();
+        for (block, sizes) in raised.matrix.diagonal.iter_mut().zip(sizes.chunks_exact(B)) {
+            (0..B).for_each(|r| block[(r, r)] += share * sizes[r]);
+        }
+        raised
+    }
+
     /// Replaces right-hand sides, one after the other in `right` and each in the order of positions,
     /// by their solutions.
     ///
     /// # Errors
     /// A matrix that is not positive definite, with the pose where that shows.
-    pub fn solve(&self, right: &mut [f64]) -> Result<(), Singular> {
-        let structure = &self.places.layout.structure;
-        let mut factor = Factor::new(structure);
-        factor.factorise(structure, &self.matrix, 0.0).map_err(
-            |NotPositive { position, row }| Singular {
-                pose: self.places.layout.pose[position] as usize,
-                row,
-            },
-        )?;
-        let length = structure.blocks() * B;
-        if length > 0 {
-            right.chunks_exact_mut(length).for_each(|right| factor.solve(structure, right));
-        }
+    pub fn solve(self, right: &mut [f64]) -> Result<(), Singular> {
+        self.factorised()?.solve(right);
         Ok(())
+    }
+
+    /// The matrix ready to be solved with many times.
+    ///
+    /// # Errors
+    /// A matrix that is not positive definite, with the pose where that shows.
+    pub fn factorised(self) -> Result<Factorised<'p, B>, Singular> {
+        let layout = self.places.layout;
+        let mut factor = Factor::new(&layout.structure);
+        factor.factorise(&layout.structure, &self.matrix, 0.0).map_err(
+            |NotPositive { position, row }| Singular { pose: layout.pose[position] as usize, row },
+        )?;
+        Ok(Factorised { structure: &layout.structure, factor, matrix: self })
+    }
+}
+
+/// What is left of a residual where the factor is that of a tree only: relaxations are solved for initial
+/// values.
+const ACCURACY: f64 = 1e-7;
+
+/// A symmetric positive definite matrix as its factor.
+pub(super) struct Factorised<'p, const B: usize> {
+    structure: &'p Structure,
+    factor: Factor<B>,
+    matrix: Blocks<'p, B>,
+}
+
+impl<const B: usize> Factorised<'_, B> {
+    /// Replaces right-hand sides by their solutions; see [`Blocks::solve`].
+    pub fn solve(&self, right: &mut [f64]) {
+        let length = self.structure.blocks() * B;
+        if length > 0 {
+            let Self { structure, factor, matrix } = self;
+            right.chunks_exact_mut(length).for_each(|right| {
+                conjugate_gradients(structure, factor, &matrix.matrix, 0.0, right, ACCURACY);
+            });
+        }
     }
 }
 

@@ -9,9 +9,8 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::blocks::{Blocks, Places, Singular};
-use super::normal::Layout;
+use super::normal::{Layout, Limit};
 use super::rigid::Rigid;
-use super::sparse::Structure;
 use super::{Error, PoseGraph};
 
 /// Initial values of all poses, near the best where the noise is moderate.
@@ -47,7 +46,7 @@ pub fn chordal<G: Rigid<D, N>, const D: usize, const N: usize>(
     graph: &PoseGraph<G, D>,
 ) -> Result<Vec<G>, Error> {
     graph.check()?;
-    chordal_in(graph, &Layout::new(graph, &graph.held(), Structure::LIMIT)?, None)
+    chordal_in(graph, &Layout::new(graph, &graph.held(), Limit::default())?, None)
 }
 
 /// [`chordal`] of a graph that is checked, in a layout that is known, its information times `weights`.

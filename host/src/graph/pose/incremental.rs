@@ -12,7 +12,8 @@ use super::{Edge, Group, PoseGraph};
 ///
 /// Every [`update`](Self::update) solves the whole graph, so its result is that of a batch. What makes
 /// it quick is the start: mostly one step suffices. The structure is found anew only after something
-/// was added.
+/// was added, and as a whole: from 16 to 3 500 poses that takes a fifth to two fifths of an update, so that
+/// keeping parts of it could save no more.
 ///
 /// ```
 /// use tactile_host::graph::pose::{Incremental, Options, Se2};

@@ -56,6 +56,9 @@ impl<const D: usize> Optimizer<D> {
         options: &Options,
     ) -> Result<Marginals<D>, Error> {
         self.check(graph, weights, options)?;
+        if !self.layout.structure.is_complete() {
+            return Err(Error::TooDense);
+        }
         let cost = Cost { kernel: options.kernel, weights };
         self.factorise_at(graph, cost)?;
         let structure = self.layout.structure.clone();

@@ -1,43 +1,74 @@
 //! The normal equations of a pose graph: Σ ρ(eᵀ Ω e) to second order about the current poses.
 
+use std::collections::VecDeque;
+
 use nalgebra::{SMatrix, SVector};
 
 use super::kernel::Kernel;
-use super::sparse::{BlockMatrix, Structure, TooDense};
-use super::{Group, PoseGraph};
+use super::sparse::{BlockMatrix, Structure, numbers};
+use super::{Edge, Error, Group, PoseGraph};
 
 /// No place: the pose does not move.
 const HELD: u32 = u32::MAX;
 
+/// What a factorisation may take.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limit {
+    /// Bytes for the factor and for computing it.
+    pub bytes: usize,
+    /// Multiplications.
+    pub products: f64,
+}
+
+impl Default for Limit {
+    /// 4 GB, and about a minute of one processor.
+    fn default() -> Self {
+        Self { bytes: 4 << 30, products: 2e11 }
+    }
+}
+
 /// Where a pose graph's poses and edges stand in its normal equations.
 #[derive(Clone, Debug)]
-pub(super) struct Layout {
-    pub structure: Structure,
+pub struct Layout {
+    pub(super) structure: Structure,
     /// Position of every pose in the system, or [`HELD`].
-    position: Vec<u32>,
+    pub(super) position: Vec<u32>,
     /// Pose at every position.
-    pub pose: Vec<u32>,
+    pub(super) pose: Vec<u32>,
     /// Slot of every edge between two moving poses; [`HELD`] for the others.
-    slot: Vec<u32>,
+    pub(super) slot: Vec<u32>,
 }
 
 impl Layout {
-    /// `held` poses stay where they are; edges are in range.
-    pub fn new<G, const D: usize>(
+    /// `held` poses stay where they are; edges are in range. A graph whose factor with blocks of D × D
+    /// would exceed `limit` is to be solved iteratively: the factor is that of a tree then.
+    pub(super) fn new<G, const D: usize>(
         graph: &PoseGraph<G, D>,
         held: &[bool],
-        limit: usize,
-    ) -> Result<Self, TooDense> {
+        limit: Limit,
+    ) -> Result<Self, Error> {
         let mut block = vec![HELD; held.len()];
         let mut moving = Vec::new();
         for pose in (0..held.len()).filter(|&pose| !held[pose]) {
             block[pose] = moving.len() as u32;
             moving.push(pose as u32);
         }
-        let both = |from: usize, to: usize| block[from] != HELD && block[to] != HELD;
-        let pairs = graph.edges.iter().filter(|e| both(e.from, e.to));
-        let pairs = pairs.map(|e| (block[e.from] as usize, block[e.to] as usize));
-        let structure = Structure::new(moving.len(), pairs, limit)?;
+        let pair = |e: &Edge<G, D>| (block[e.from] as usize, block[e.to] as usize);
+        let both = |e: &&Edge<G, D>| block[e.from] != HELD && block[e.to] != HELD;
+        let pairs = graph.edges.iter().filter(both).map(pair);
+        let most = limit.bytes / (8 * D * D);
+        let structure = match Structure::new(moving.len(), pairs.clone(), most) {
+            Ok(structure) if limit.allows::<D>(&structure) => structure,
+            _ => {
+                let tree = nearest_tree(graph, held);
+                let [inside, outside] = [true, false].map(|wanted| {
+                    let edges = graph.edges.iter().zip(&tree).filter(move |(_, t)| **t == wanted);
+                    edges.map(|(edge, _)| edge).filter(both).map(pair)
+                });
+                Structure::partial(moving.len(), inside, outside, usize::MAX)
+                    .map_err(|_| Error::TooDense)?
+            }
+        };
         let mut position = vec![HELD; held.len()];
         let mut pose = vec![0; moving.len()];
         for (block, &at) in moving.iter().enumerate() {
@@ -56,9 +87,48 @@ impl Layout {
     }
 
     /// Position of `pose`, unless it is held.
-    pub fn position(&self, pose: usize) -> Option<usize> {
+    pub(super) fn position(&self, pose: usize) -> Option<usize> {
         Some(self.position[pose]).filter(|&p| p != HELD).map(|p| p as usize)
     }
+}
+
+impl Limit {
+    fn allows<const B: usize>(self, structure: &Structure) -> bool {
+        let products = structure.products() * (B * B * B) as f64;
+        products <= self.products && numbers::<B>(structure) <= self.bytes / 8
+    }
+}
+
+/// A tree of edges (several where parts are separate or more poses held) in which every pose is as few edges
+/// from a held one as it can be: one entry per edge.
+fn nearest_tree<G, const D: usize>(graph: &PoseGraph<G, D>, held: &[bool]) -> Vec<bool> {
+    let mut starts = vec![0usize; held.len() + 1];
+    for edge in &graph.edges {
+        starts[edge.from + 1] += 1;
+        starts[edge.to + 1] += 1;
+    }
+    (0..held.len()).for_each(|pose| starts[pose + 1] += starts[pose]);
+    let (mut next, mut touching) = (starts.clone(), vec![0u32; 2 * graph.edges.len()]);
+    for (index, edge) in graph.edges.iter().enumerate() {
+        for pose in [edge.from, edge.to] {
+            touching[next[pose]] = index as u32;
+            next[pose] += 1;
+        }
+    }
+    let mut reached = held.to_vec();
+    let mut queue: VecDeque<usize> = (0..held.len()).filter(|&pose| held[pose]).collect();
+    let mut tree = vec![false; graph.edges.len()];
+    while let Some(pose) = queue.pop_front() {
+        for &index in &touching[starts[pose]..starts[pose + 1]] {
+            let edge = &graph.edges[index as usize];
+            let other = if edge.from == pose { edge.to } else { edge.from };
+            if !std::mem::replace(&mut reached[other], true) {
+                tree[index as usize] = true;
+                queue.push_back(other);
+            }
+        }
+    }
+    tree
 }
 
 /// H and g of the cost about a set of poses: cost(x ⊕ −h) ≈ cost − 2 gᵀh + hᵀ H h.

@@ -4,6 +4,7 @@
 use nalgebra::{Matrix2, Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 
 use super::certificate::{Certificate, in_blocks};
+use super::normal::Layout;
 use super::{Error, Group, PoseGraph, Se2, Se3};
 
 /// A motion with `D` degrees of freedom of a space with `N` dimensions.
@@ -38,7 +39,8 @@ pub trait Rigid<const D: usize, const N: usize>: Group<D> {
 
     /// [`certify`](super::certificate::certify) with blocks of N + 1 numbers, which only a type that
     /// knows N can say.
-    fn certify(graph: &PoseGraph<Self, D>) -> Result<Certificate, Error>;
+    #[doc(hidden)]
+    fn certify(graph: &PoseGraph<Self, D>, layout: &Layout) -> Result<Certificate, Error>;
 }
 
 /// c − tr(Kᵀ M) of a rotation matrix M.
@@ -99,8 +101,8 @@ impl Rigid<3, 2> for Se2 {
         })
     }
 
-    fn certify(graph: &PoseGraph<Self, 3>) -> Result<Certificate, Error> {
-        in_blocks::<Self, 3, 2, 3>(graph)
+    fn certify(graph: &PoseGraph<Self, 3>, layout: &Layout) -> Result<Certificate, Error> {
+        in_blocks::<Self, 3, 2, 3>(graph, layout)
     }
 }
 
@@ -151,8 +153,8 @@ impl Rigid<6, 3> for Se3 {
         Some(affine)
     }
 
-    fn certify(graph: &PoseGraph<Self, 6>) -> Result<Certificate, Error> {
-        in_blocks::<Self, 6, 3, 4>(graph)
+    fn certify(graph: &PoseGraph<Self, 6>, layout: &Layout) -> Result<Certificate, Error> {
+        in_blocks::<Self, 6, 3, 4>(graph, layout)
     }
 }
 

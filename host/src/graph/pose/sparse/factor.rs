@@ -37,14 +37,23 @@ pub struct Factor<const B: usize> {
     odd: Vec<bool>,
 }
 
-/// Numbers a supernode leaves to its parent.
-fn size<const B: usize>(node: &Supernode) -> usize {
-    padded(node.rows.len() * B) * node.rows.len() * B
+/// The numbers that a factor with blocks of B × B and what it takes to compute it consist of.
+pub fn numbers<const B: usize>(structure: &Structure) -> usize {
+    let plan = Plan::new::<B>(structure);
+    plan.starts[structure.nodes.len()] + plan.most[0] + plan.most[1]
 }
 
-impl<const B: usize> Factor<B> {
-    /// Room for factors of matrices with this structure.
-    pub fn new(structure: &Structure) -> Self {
+/// Where everything is held.
+struct Plan {
+    starts: Vec<usize>,
+    updates: Vec<usize>,
+    odd: Vec<bool>,
+    /// Lengths of the stacks.
+    most: [usize; 2],
+}
+
+impl Plan {
+    fn new<const B: usize>(structure: &Structure) -> Self {
         let nodes = &structure.nodes;
         let mut starts = vec![0];
         for node in nodes {
@@ -67,8 +76,21 @@ impl<const B: usize> Factor<B> {
             heights[1 - stack] -=
                 children.iter().map(|&c| size::<B>(&nodes[c as usize])).sum::<usize>();
         }
+        Plan { starts, updates, odd, most }
+    }
+}
+
+/// Numbers a supernode leaves to its parent.
+fn size<const B: usize>(node: &Supernode) -> usize {
+    padded(node.rows.len() * B) * node.rows.len() * B
+}
+
+impl<const B: usize> Factor<B> {
+    /// Room for factors of matrices with this structure.
+    pub fn new(structure: &Structure) -> Self {
+        let Plan { starts, updates, odd, most } = Plan::new::<B>(structure);
         Self {
-            panels: vec![0.0; starts[nodes.len()]],
+            panels: vec![0.0; starts[structure.nodes.len()]],
             starts,
             reciprocals: vec![0.0; structure.blocks() * B],
             least: vec![0.0; structure.blocks() * B],

@@ -44,6 +44,12 @@ impl<const B: usize> BlockMatrix<B> {
                 add(column, self.below[slot].tr_mul(&at(row)));
             }
         }
+        let inside = structure.below.len();
+        for (block, &(column, row)) in self.below[inside..].iter().zip(&structure.outside) {
+            let (column, row) = (column as usize, row as usize);
+            add(row, block * at(column));
+            add(column, block.tr_mul(&at(row)));
+        }
         product
     }
 

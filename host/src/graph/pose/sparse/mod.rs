@@ -5,7 +5,10 @@
 //! graph (poses, rotations, translations). [`BlockMatrix`] holds the numbers and [`Factor`] their
 //! Cholesky factorisation by the multifrontal method (Duff and Reid 1983; Liu 1992): every supernode
 //! gathers what its children leave in one small dense matrix and eliminates its own columns there.
+//! Where the factor would be too large, that of a part of the matrix preconditions
+//! [`conjugate_gradients`].
 
+mod conjugate;
 mod factor;
 mod front;
 mod inverse;
@@ -13,7 +16,8 @@ mod matrix;
 mod path;
 mod structure;
 
-pub use factor::{Factor, NotPositive};
+pub use conjugate::{Reached, conjugate_gradients};
+pub use factor::{Factor, NotPositive, numbers};
 pub use inverse::SelectedInverse;
 pub use matrix::BlockMatrix;
 pub use path::Paths;

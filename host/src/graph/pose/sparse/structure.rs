@@ -51,12 +51,11 @@ pub struct Structure {
     pub(super) children: Vec<u32>,
     /// Where in its supernode each block below the diagonal stands: row, counted as in `relative`.
     pub(super) local: Vec<u32>,
+    /// Column and row positions of blocks that the factor leaves out, ascending.
+    pub(super) outside: Vec<(u32, u32)>,
 }
 
 impl Structure {
-    /// Blocks a factor may have unless told otherwise: 8 GB of them for poses in space.
-    pub const LIMIT: usize = 30_000_000;
-
     /// The structure of `blocks` × `blocks` blocks in which the `pairs` (any order, repeated or not,
     /// all below `blocks`) are not zero, nor is the diagonal. The order of elimination is by
     /// approximate minimum degree (Amestoy, Davis and Duff 1996) on the graph of blocks.
@@ -79,6 +78,38 @@ impl Structure {
         Ok(columns.structure(&neighbours, position))
     }
 
+    /// A structure whose factor is that of the `inside` pairs alone, which should be few, such as a
+    /// tree; matrices have the `outside` pairs, too, and are solved with iteratively
+    /// ([`conjugate_gradients`](super::conjugate_gradients)).
+    ///
+    /// # Errors
+    /// A factor of more than `limit` blocks.
+    pub fn partial(
+        blocks: usize,
+        inside: impl Iterator<Item = (usize, usize)> + Clone,
+        outside: impl Iterator<Item = (usize, usize)>,
+        limit: usize,
+    ) -> Result<Self, TooDense> {
+        let mut structure = Self::new(blocks, inside, limit)?;
+        let position = |block: usize| structure.position[block];
+        let mut pairs: Vec<(u32, u32)> = outside
+            .map(|(a, b)| (position(a), position(b)))
+            .map(|(a, b)| (a.min(b), a.max(b)))
+            .filter(|&(column, row)| {
+                row != column && structure.slot(row as usize, column as usize).is_none()
+            })
+            .collect();
+        pairs.sort_unstable();
+        pairs.dedup();
+        structure.outside = pairs;
+        Ok(structure)
+    }
+
+    /// Whether the factor of a matrix with this structure is that of the whole matrix.
+    pub fn is_complete(&self) -> bool {
+        self.outside.is_empty()
+    }
+
     /// Number of block rows.
     pub fn blocks(&self) -> usize {
         self.position.len()
@@ -86,7 +117,7 @@ impl Structure {
 
     /// Number of pairs of blocks that are not zero, below the diagonal.
     pub fn pairs(&self) -> usize {
-        self.below.len()
+        self.below.len() + self.outside.len()
     }
 
     /// Where `block` stands in the order of elimination, in which vectors and matrices are held.
@@ -98,8 +129,14 @@ impl Structure {
     /// `BlockMatrix`, if it is.
     pub fn slot(&self, row: usize, column: usize) -> Option<usize> {
         let range = self.starts[column]..self.starts[column + 1];
-        let at = self.below[range.clone()].binary_search(&(row as u32)).ok()?;
-        Some(range.start + at)
+        match self.below[range.clone()].binary_search(&(row as u32)) {
+            Ok(at) => Some(range.start + at),
+            Err(_) if self.outside.is_empty() => None,
+            Err(_) => {
+                let at = self.outside.binary_search(&(column as u32, row as u32)).ok()?;
+                Some(self.below.len() + at)
+            }
+        }
     }
 
     /// Blocks of the factor, on and below the diagonal.
@@ -429,6 +466,16 @@ impl Columns {
             }
         }
         starts.push(below.len());
-        Structure { position, starts, below, nodes, rows, relative, children, local: locals }
+        Structure {
+            position,
+            starts,
+            below,
+            nodes,
+            rows,
+            relative,
+            children,
+            local: locals,
+            outside: Vec::new(),
+        }
     }
 }

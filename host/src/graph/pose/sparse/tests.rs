@@ -150,3 +150,55 @@ fn too_dense_a_graph_is_refused_before_memory_is_taken() {
     let clique = (0..100).flat_map(|i| (0..i).map(move |j| (i, j)));
     assert_eq!(Structure::new(100, clique, 1000).unwrap_err(), TooDense { limit: 1000 });
 }
+
+#[test]
+fn what_the_factor_leaves_out_is_made_up_for() {
+    let mut numbers = numbers(3);
+    let blocks = 60;
+    let chain = (1..blocks).map(|i| (i - 1, i));
+    let mut index = || ((numbers.next().unwrap() + 1.0) * 0.5 * blocks as f64) as usize;
+    let mut others: Vec<(usize, usize)> = (0..300).map(|_| (index(), index())).collect();
+    // Repeated, reversed, on the diagonal and part of the chain: nothing of that is special.
+    others.extend([(4, 4), (8, 2), (2, 8), (6, 5)]);
+    let structure =
+        Structure::partial(blocks, chain.clone(), others.iter().copied(), 1000).unwrap();
+    assert!(!structure.is_complete() && structure.factor_blocks() < 4 * blocks);
+    let mut matrix = BlockMatrix::<2>::new(&structure);
+    assert_eq!(matrix.below.len(), structure.pairs());
+    let mut dense = DMatrix::<f64>::identity(2 * blocks, 2 * blocks);
+    matrix.diagonal.fill(SMatrix::identity());
+    for (a, b) in chain.chain(others).filter(|(a, b)| a != b) {
+        let (a, b) = (structure.position(a), structure.position(b));
+        let (row, column) = (a.max(b), a.min(b));
+        let [left, right] =
+            [(); 2].map(|()| SMatrix::<f64, 2, 2>::from_fn(|_, _| number(&mut numbers)));
+        let block = left.transpose() * right;
+        matrix.diagonal[row] += left.transpose() * left;
+        matrix.diagonal[column] += right.transpose() * right;
+        matrix.below[structure.slot(row, column).unwrap()] += block;
+        for (at, own) in [(row, left), (column, right)] {
+            let mut sum = dense.fixed_view_mut::<2, 2>(2 * at, 2 * at);
+            sum += own.transpose() * own;
+        }
+        let mut sum = dense.fixed_view_mut::<2, 2>(2 * row, 2 * column);
+        sum += block;
+        let mut sum = dense.fixed_view_mut::<2, 2>(2 * column, 2 * row);
+        sum += block.transpose();
+    }
+    let b = DVector::from_fn(2 * blocks, |_, _| number(&mut numbers));
+    let mut factor = Factor::new(&structure);
+    for damping in [0.0, 0.5] {
+        let mut damped = dense.clone();
+        (0..2 * blocks).for_each(|i| damped[(i, i)] *= 1.0 + damping);
+        factor.factorise(&structure, &matrix, damping).unwrap();
+        let mut x = b.as_slice().to_vec();
+        let reached = conjugate_gradients(&structure, &factor, &matrix, damping, &mut x, 1e-12);
+        assert!(reached.accurate && reached.steps > 3, "{reached:?}");
+        let error = (damped * DVector::from_vec(x) - &b).norm() / b.norm();
+        assert!(error < 1e-9, "{error}");
+    }
+}
+
+fn number(numbers: &mut impl Iterator<Item = f64>) -> f64 {
+    numbers.next().unwrap()
+}
