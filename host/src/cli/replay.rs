@@ -169,7 +169,7 @@ fn film(log: &GraspLog, steps: &[Option<Step>], args: &ReplayArgs) -> Result<(),
         title: if log.description.is_empty() { &name } else { &log.description },
         log,
         steps,
-        shape: None,
+        surfaces: &[],
         truth: truth.as_ref(),
         report: None,
     };
