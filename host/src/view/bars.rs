@@ -3,7 +3,7 @@
 use super::canvas::{Anchor, Canvas, Frame, Style};
 use super::chart::label;
 use super::colour::{self, GRID, INK, PANEL, PAPER, QUIET, TRUTH};
-use super::curves::Scale;
+use super::curves::{Scale, dot};
 use super::drawing::{Drawing, PictureError};
 
 /// A value and the interval it lies in, in the unit of the axis.
@@ -86,7 +86,10 @@ pub fn render(title: &str, panels: &[Bars]) -> Result<Drawing, PictureError> {
     let heights = panels.iter().zip(&shown).map(|(p, n)| panel_height(p, *n));
     let height = HEADLINE + heights.clone().sum::<f32>() + GAP * (panels.len() + 1) as f32;
     let mut canvas = Canvas::new(WIDTH as u32, height as u32, PAPER)?;
-    let style = Style::new(22.0, INK).bold();
+    // A long title is set smaller before it is cut.
+    let styles = [22.0, 18.0, 15.0].map(|size| Style::new(size, INK).bold());
+    let fits = |style: &&Style| canvas.text_width(**style, title) <= WIDTH - 48.0;
+    let style = *styles.iter().find(fits).unwrap_or(&styles[2]);
     let title = canvas.fitted(style, title, WIDTH - 48.0);
     canvas.text([24.0, 44.0], style, &title);
     let mut top = HEADLINE;
@@ -218,8 +221,7 @@ fn one(
     series: usize,
     written: bool,
 ) {
-    // Who has no colour of its own has dots of its own.
-    let (tint, hollow) = (colour::series(series), series >= colour::COLOURS);
+    let tint = colour::series(series);
     let x = axis.x(value);
     if axis.scale == Scale::Linear {
         let zero = axis.x(0.0);
@@ -234,10 +236,7 @@ fn one(
             canvas.line(&[[end, y - 3.0], [end, y + 3.0]], 2.0, tint);
         }
     }
-    canvas.fill_dot([x, y], 3.6, tint);
-    if hollow {
-        canvas.fill_dot([x, y], 2.0, PAPER);
-    }
+    dot(canvas, [x, y], series);
     if written {
         let text = match value.abs() {
             v if v >= 100.0 || v == 0.0 => format!("{value:.0}"),
@@ -269,7 +268,7 @@ fn legend(canvas: &mut Canvas, at: [f32; 2], panel: &Bars) {
     let [x, mut y] = at;
     for (number, series) in panel.series.iter().enumerate() {
         canvas.line(&[[x, y - 4.5], [x + 22.0, y - 4.5]], 3.0, colour::series(number));
-        canvas.fill_dot([x + 11.0, y - 4.5], 4.0, colour::series(number));
+        dot(canvas, [x + 11.0, y - 4.5], number);
         let name = canvas.fitted(style, &series.name, LEGEND - 56.0);
         canvas.text([x + 32.0, y], style, &name);
         y += 26.0;

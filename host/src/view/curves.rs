@@ -155,7 +155,19 @@ fn draw(canvas: &mut Canvas, frame: &Frame, plot: &Plot) {
     canvas.text([frame.left + 22.0, frame.top + 34.0], title, &plot.title);
     let quiet = Style::new(13.0, QUIET);
     canvas.text([frame.left + 22.0, frame.top + 58.0], quiet, &plot.up);
-    let within = frame.inset(62.0, 76.0, 190.0, 56.0);
+    // Names may need room; the plot leaves it.
+    let name = Style::new(14.0, INK);
+    let widths = plot.curves.iter().map(|c| canvas.text_width(name, &c.name));
+    let names = widths.fold(0.0, f32::max).clamp(110.0, 300.0);
+    let within = frame.inset(62.0, 76.0, names + 72.0, 56.0);
+    for (number, curve) in plot.curves.iter().enumerate() {
+        let (x, y) = (within.right() + 20.0, within.top + 14.0 + 26.0 * number as f32);
+        let tint = colour::series(number);
+        canvas.line(&[[x, y - 5.0], [x + 26.0, y - 5.0]], 3.0, tint);
+        dot(canvas, [x + 13.0, y - 5.0], number);
+        let fitted = canvas.fitted(name, &curve.name, names);
+        canvas.text([x + 36.0, y], name, &fitted);
+    }
     let Some(axes) = Axes::new(within, plot.scales, &plot.curves) else {
         canvas.text([within.left, within.top + 40.0], quiet, "nothing to show");
         return;
@@ -199,18 +211,15 @@ fn draw(canvas: &mut Canvas, frame: &Frame, plot: &Plot) {
         }
         let line: Vec<Pixel> = marks.iter().map(|m| axes.pixel(m.x, m.median)).collect();
         canvas.line(&line, 2.6, tint);
-        // Who has no colour of its own has dots of its own.
-        for p in &line {
-            canvas.fill_dot(*p, 4.0, tint);
-            if number >= colour::COLOURS {
-                canvas.fill_dot(*p, 2.2, PAPER);
-            }
-        }
-        let (x, y) = (within.right() + 20.0, within.top + 14.0 + 26.0 * number as f32);
-        canvas.line(&[[x, y - 5.0], [x + 26.0, y - 5.0]], 3.0, tint);
-        let style = Style::new(14.0, INK);
-        let name = canvas.fitted(style, &curve.name, 128.0);
-        canvas.text([x + 36.0, y], style, &name);
+        line.iter().for_each(|p| dot(canvas, *p, number));
+    }
+}
+
+/// A mark of a series; who has no colour of its own has dots of its own.
+pub(super) fn dot(canvas: &mut Canvas, at: Pixel, series: usize) {
+    canvas.fill_dot(at, 4.0, colour::series(series));
+    if series >= colour::COLOURS {
+        canvas.fill_dot(at, 2.2, PAPER);
     }
 }
 
@@ -263,6 +272,7 @@ mod tests {
         let plots = [plot(vec![]), plot(vec![curve(odd)]), plot(vec![curve(vec![mark(1.0, 2.0)])])];
         let drawing = render(&plots).unwrap();
         assert!(drawing.png().is_ok() && drawing.svg().contains("nothing to show"));
+        assert_eq!(drawing.svg().matches(">a model</text>").count(), 2, "named all the same");
         assert!(render(&[]).unwrap().png().is_ok());
     }
 
