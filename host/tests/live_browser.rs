@@ -193,7 +193,9 @@ fn a_page_shows_an_exploration_with_its_candidates() {
     };
     page.until("player.scene.ended");
     let choices = page.value("player.scene.choices.length").as_u64().unwrap();
-    assert_eq!(page.value("player.scene.grasps.length").as_u64(), Some(choices));
+    // Closings at the start that felt nothing are grasps too, but nobody chose after them.
+    let grasps = page.value("player.scene.grasps.length").as_u64().unwrap();
+    assert!((2..=grasps).contains(&choices), "{choices} of {grasps}");
     assert_eq!(page.value("player.scene.choices[0].candidates.length"), 20);
     let best = "(({ chosen, candidates, most }) => candidates[chosen].gain === most)";
     assert_eq!(page.value(&format!("{best}(player.scene.choices[0])")), true);

@@ -115,7 +115,9 @@ class Picture {
       const box = points.length ? boxOf(points.flat(), 3, points.length) : null;
       if (!box) return { middle, half: [reach, reach, reach], reach };
       const centre = Vector.scale(Vector.add(box.low, box.high), 0.5);
-      const half = Vector.subtract(box.high, centre).map((h) => Math.max(1.08 * h, 0.2 * reach));
+      // Candidates stand around the object.
+      const room = this.present().candidates ? 1.6 : 1.08;
+      const half = Vector.subtract(box.high, centre).map((h) => Math.max(room * h, 0.2 * reach));
       return { middle: centre, half, reach: Math.hypot(...half) };
     });
   }
@@ -228,10 +230,10 @@ class Picture {
       const spike = ({ middle, closing, gain }, inner) => {
         const share = Number.isFinite(gain) ? Math.min(Math.max(gain / most, 0), 1) : 0;
         const at = (length) => Vector.subtract(middle, Vector.scale(closing, length));
-        return [at(inner), at((1.25 + 0.06 + 0.44 * share) * reach), share];
+        return [at(inner), at((1.1 + 0.06 + 0.4 * share) * reach), share];
       };
       const all = choice.candidates.map((candidate) => {
-        const [from, to, share] = spike(candidate, 1.25 * reach);
+        const [from, to, share] = spike(candidate, 1.1 * reach);
         return [from, to, Number.isFinite(candidate.gain) ? Colour.along(Colour.gain, share) : Colour.rgb(theme), 0.9];
       });
       const best = choice.chosen === null ? [] : [spike(choice.candidates[choice.chosen], 0)];
