@@ -1,7 +1,8 @@
-//! Half an hour of a hand that closes 200 times a second, five contacts each time, as a page:
-//! `cargo bench -p tactile-host --bench replay`. Says how large recording and page are.
+//! Half an hour of a hand that closes 200 times a second, five contacts each time, as a page and as
+//! MCAP: `cargo bench -p tactile-host --bench replay`. Says how large the files are.
 
 use std::fs;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use divan::Bencher;
@@ -12,9 +13,9 @@ use tactile_core::track::{Estimate, Modes, Observability, Status};
 use tactile_core::wire::{
     Command, ContactFrame, EstimateFrame, Frame, MAX_FRAME, Reply, Report, encode,
 };
-use tactile_host::log::recording::{Direction, Header, RecordingWriter};
+use tactile_host::log::recording::{Direction, Header, Recording, RecordingWriter};
 use tactile_host::slam::replay::of_recording;
-use tactile_host::view::html;
+use tactile_host::view::{html, mcap};
 
 const GRASPS: u32 = 30 * 60 * 200;
 const FINGERS: u32 = 5;
@@ -83,18 +84,50 @@ fn recording() -> Vec<u8> {
     bytes
 }
 
+/// A folder with the recording in it.
+fn recorded() -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("long.tac");
+    fs::write(&path, recording()).unwrap();
+    (folder, path)
+}
+
+fn tell(what: &str, path: &Path) {
+    println!("{what}: {} kB", fs::metadata(path).map_or(0, |m| m.len() / 1000));
+}
+
 #[divan::bench(sample_count = 3, sample_size = 1)]
 fn half_an_hour_as_a_page(bencher: Bencher) {
-    let folder = tempfile::tempdir().unwrap();
-    let (from, to) = (folder.path().join("long.tac"), folder.path().join("long.html"));
-    fs::write(&from, recording()).unwrap();
-    let convert = || {
+    let (folder, from) = recorded();
+    let to = folder.path().join("long.html");
+    bencher.bench_local(|| {
         let scene = of_recording(&from).unwrap();
         html::write(&scene, &mut fs::File::create(&to).map(std::io::BufWriter::new).unwrap())
-    };
-    bencher.bench_local(convert);
-    let size = |path| fs::metadata(path).map_or(0, |m| m.len() / 1000);
-    println!("recording {} kB, page {} kB", size(&from), size(&to));
+    });
+    tell("recording", &from);
+    tell("page", &to);
+}
+
+#[divan::bench(sample_count = 3, sample_size = 1)]
+fn half_an_hour_as_mcap(bencher: Bencher) {
+    let (folder, from) = recorded();
+    let to = folder.path().join("long.mcap");
+    bencher.bench_local(|| {
+        let replayed = Recording::read(&from).unwrap().replay();
+        let steps = replayed.steps();
+        mcap::write(
+            &to,
+            &mcap::Contents {
+                title: "half an hour",
+                log: &replayed.log,
+                steps: &steps,
+                surfaces: &[],
+                truth: None,
+                report: None,
+            },
+        )
+    });
+    tell("MCAP", &to);
 }
 
 fn main() {

@@ -208,3 +208,47 @@ fn a_run_in_space_plays_cut_off_and_without_webgl_too() {
     assert_eq!(plain.seen["renderer"], "Painter");
     assert!(plain.colours() > 8, "{} colours", plain.colours());
 }
+
+#[test]
+fn a_picture_is_the_same_in_lines_and_letters_as_in_pixels() {
+    let Some(bench) = Bench::new() else { return };
+    bench.tactile("slam --out flat");
+    let (vector, seen) = (bench.at("flat/summary.svg"), bench.at("seen.png"));
+    let taken = (0..STARTS).find_map(|start| {
+        let profile = bench.at(&format!("vector{start}"));
+        let mut command = Command::new(bench.browser);
+        command
+            .args(ALWAYS)
+            .arg(format!("--user-data-dir={}", profile.display()))
+            .arg("--window-size=1600,900")
+            .arg(format!("--screenshot={}", seen.display()))
+            .arg(format!("file://{}", vector.display()));
+        bench.finished(command)
+    });
+    assert!(taken.is_some(), "the browser hung {STARTS} times");
+    let [seen, drawn] = [seen, bench.at("flat/summary.png")]
+        .map(|path| tiny_skia::Pixmap::decode_png(&fs::read(path).unwrap()).unwrap());
+    // Letters are set a little differently by everyone: mean colours of squares are compared.
+    const SIDE: u32 = 20;
+    let mean = |picture: &tiny_skia::Pixmap, column: u32, row: u32| {
+        let mut sums = [0u32; 3];
+        for y in row * SIDE..(row + 1) * SIDE {
+            for x in column * SIDE..(column + 1) * SIDE {
+                let p = picture.pixel(x, y).unwrap();
+                for (sum, part) in sums.iter_mut().zip([p.red(), p.green(), p.blue()]) {
+                    *sum += u32::from(part);
+                }
+            }
+        }
+        sums.map(|sum| sum / (SIDE * SIDE))
+    };
+    let (columns, rows) = (1600 / SIDE, 900 / SIDE);
+    let places = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
+    let differ = |&(column, row): &(u32, u32)| {
+        let (a, b) = (mean(&seen, column, row), mean(&drawn, column, row));
+        a.iter().zip(b).any(|(a, b)| a.abs_diff(b) > 12)
+    };
+    let count = places.filter(differ).count();
+    // Where the page's letters are others than the bundled ones, headline and figures differ.
+    assert!(count < (columns * rows / 50) as usize, "{count} of {}", columns * rows);
+}

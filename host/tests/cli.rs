@@ -78,7 +78,14 @@ fn the_main_job_needs_no_arguments() {
     let bench = Bench::new();
     let said = bench.does("slam");
     assert!(said.contains("10 grasps, 50 contacts"), "{said}");
-    for name in ["report.json", "contour.csv", "trajectory.tum", "summary.png", "replay.mcap"] {
+    for name in [
+        "report.json",
+        "contour.csv",
+        "trajectory.tum",
+        "summary.png",
+        "summary.svg",
+        "replay.mcap",
+    ] {
         assert!(bench.at("out").join(name).is_file(), "{name}");
     }
     let report: Value =

@@ -30,6 +30,17 @@ const CHARTS = [
     ],
   },
   {
+    title: "Gain of the next touch", unit: "",
+    series: [
+      { name: "chosen", colour: "estimate", values: (s) => byChoice(s, (c) => (c.chosen === null ? null : c.candidates[c.chosen].gain)) },
+      { name: "median candidate", colour: "second", dash: [5, 3], values: (s) => byChoice(s, (c) => c.median) },
+    ],
+  },
+  {
+    title: "Surface that counts as known", unit: "%",
+    series: [{ name: "", colour: "third", steps: true, values: (s) => byChoice(s, (c) => (c.known === null ? null : 100 * c.known)) }],
+  },
+  {
     title: "Entropy of the pose", unit: "nats", signed: true,
     series: [{ name: "", colour: "third", values: (s) => s.grasps.map((g) => g.entropy) }],
   },
@@ -43,6 +54,13 @@ const CHARTS = [
 function bySurface(scene, figure) {
   const values = Array(scene.grasps.length).fill(null);
   for (const surface of scene.surfaces) values[scene.position(surface.after)] = figure(surface);
+  return values;
+}
+
+// A figure of what was chosen after each grasp.
+function byChoice(scene, figure) {
+  const values = Array(scene.grasps.length).fill(null);
+  for (const choice of scene.choices) values[scene.position(choice.after)] = figure(choice);
   return values;
 }
 

@@ -6,6 +6,8 @@ const Colour = {
   certainty: ["#404588", "#33638d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725"],
   // First grasp to last.
   grasp: ["#ffd3e4", "#f398c3", "#d95fae", "#a83a9d", "#6f2384"],
+  // Little to much promised.
+  gain: ["#c6dbef", "#6baed6", "#2171b5", "#08306b"],
   unknown: "#98a1ab",
   current: "#ff7f0e",
   status: { started: "#56b4e9", tracking: "#0072b2", predicted: "#8b95a1", ambiguous: "#e69f00", lost: "#d55e00" },

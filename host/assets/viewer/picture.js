@@ -8,6 +8,7 @@ const LAYERS = {
   path: "Path of the object",
   doubt: "Position ± 2 standard deviations",
   free: "Fingertips on nothing",
+  candidates: "Next touch: what candidates promise",
 };
 
 // Edges between faces that turn by more than this are drawn on true shapes; corners of faces that turn
@@ -33,6 +34,7 @@ class Picture {
       path: scene.grasps.filter((g) => g.pose || g.truth).length > 1,
       doubt: scene.grasps.some((g) => g.deviations),
       free: scene.grasps.some((g) => g.free.length > 0),
+      candidates: scene.choices.some((c) => c.candidates.length > 0),
     };
   }
 
@@ -79,6 +81,8 @@ class Picture {
       });
     }
     if (shown.free && grasp.free.length) list.push(this.free(grasp, model));
+    const choice = scene.choiceAt(at);
+    if (shown.candidates && resting && choice?.candidates.length) list.push(...this.candidates(choice, model));
     if (shown.alternatives && resting) {
       for (const mode of grasp.modes.slice(1, 6)) {
         list.push(...this.ghost(surface, Pose.matrix(Pose.compose(toView, mode.pose)), mode.weight));
@@ -111,7 +115,9 @@ class Picture {
       const box = points.length ? boxOf(points.flat(), 3, points.length) : null;
       if (!box) return { middle, half: [reach, reach, reach], reach };
       const centre = Vector.scale(Vector.add(box.low, box.high), 0.5);
-      const half = Vector.subtract(box.high, centre).map((h) => Math.max(1.08 * h, 0.2 * reach));
+      // Candidates stand around the object.
+      const room = this.present().candidates ? 1.6 : 1.08;
+      const half = Vector.subtract(box.high, centre).map((h) => Math.max(room * h, 0.2 * reach));
       return { middle: centre, half, reach: Math.hypot(...half) };
     });
   }
@@ -212,6 +218,31 @@ class Picture {
     }));
     const quiet = Colour.rgb(Colour.themed("quiet"));
     return { kind: "points", points, model, radius: 6, hollow: true, colours: Array(5).fill(quiet).flat() };
+  }
+
+  // A spike for every candidate, on the side from which its fingers close, the longer the more it
+  // promises; the chosen one reaches to the middle of the hand.
+  candidates(choice, model) {
+    const theme = Colour.themed("quiet");
+    const lines = this.keep(choice, `candidates ${this.scene.version}${theme}`, () => {
+      const { reach } = this.extent();
+      const most = choice.most > 0 ? choice.most : 1;
+      const spike = ({ middle, closing, gain }, inner) => {
+        const share = Number.isFinite(gain) ? Math.min(Math.max(gain / most, 0), 1) : 0;
+        const at = (length) => Vector.subtract(middle, Vector.scale(closing, length));
+        return [at(inner), at((1.1 + 0.06 + 0.4 * share) * reach), share];
+      };
+      const all = choice.candidates.map((candidate) => {
+        const [from, to, share] = spike(candidate, 1.1 * reach);
+        return [from, to, Number.isFinite(candidate.gain) ? Colour.along(Colour.gain, share) : Colour.rgb(theme), 0.9];
+      });
+      const best = choice.chosen === null ? [] : [spike(choice.candidates[choice.chosen], 0)];
+      return { all: linesOf(all), best: linesOf(best.map(([from, to]) => [from, to, Colour.rgb(Colour.current)])) };
+    });
+    return [
+      { kind: "lines", lines: lines.all, model, width: 3 },
+      { kind: "lines", lines: lines.best, model, width: 3.4 },
+    ];
   }
 
   // Where the object's middle may be: an ellipse, or three.

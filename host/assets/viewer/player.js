@@ -194,6 +194,7 @@ class Player {
       path: stroke("var(--estimate)", 2.6),
       doubt: '<ellipse cx="9" cy="7" rx="7" ry="4" fill="none" stroke="var(--second)" stroke-width="1.8"/>',
       free: dot("none", "var(--quiet)"),
+      candidates: stroke(Colour.current, 3),
     };
     const rows = [];
     for (const [name, words] of Object.entries(LAYERS)) {
@@ -217,6 +218,7 @@ class Player {
       };
       const round = (v) => String(+v.toPrecision(2));
       if (name === "surface") scale(Colour.gradient(Colour.certainty), "± 0", `${round(scaleEnd / 2)}`, `≥ ${round(scaleEnd)} mm`);
+      if (name === "candidates") scale(Colour.gradient(Colour.gain), "nothing", "most");
       if (name === "contacts") scale(Colour.gradient(Colour.grasp), "first grasp", "last");
     }
     this.element("keys").replaceChildren(...rows);

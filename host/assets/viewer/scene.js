@@ -12,6 +12,7 @@ class Scene {
     this.meta = null;
     this.grasps = [];
     this.surfaces = [];
+    this.choices = [];
     this.truth = null;
     this.gauge = null;
     this.ended = false;
@@ -31,10 +32,12 @@ class Scene {
       this.addGrasp(message);
     } else if (message.type === "surface") {
       this.addSurface(message);
+    } else if (message.type === "choice") {
+      this.addChoice(message);
     } else if (message.type === "end") {
       this.ended = true;
     } else {
-      throw new Error(`expected meta, grasp, surface or end, found ${JSON.stringify(message.type)}`);
+      throw new Error(`expected meta, grasp, surface, choice or end, found ${JSON.stringify(message.type)}`);
     }
     this.version += 1;
   }
@@ -125,6 +128,34 @@ class Scene {
     surface.hausdorff = message.hausdorff_mm ?? null;
     surface.mean = message.mean_mm ?? null;
     this.surfaces.push(surface);
+  }
+
+  // What an exploration knew after a grasp, and what it chose the next one among.
+  addChoice(message) {
+    const numbers = unpack(message.candidates, Float32Array, 7, "choice.candidates");
+    const candidates = [];
+    for (let i = 0; i < numbers.length; i += 7) {
+      const all = [...numbers.subarray(i, i + 6)];
+      if (!all.every(Number.isFinite)) throw new Error("choice.candidates: expected finite places");
+      candidates.push({ middle: all.slice(0, 3), closing: all.slice(3), gain: numbers[i + 6] });
+    }
+    const chosen = message.chosen ?? null;
+    if (chosen !== null && !candidates[chosen]) throw new Error(`choice.chosen: expected one of ${candidates.length} candidates`);
+    const gains = candidates.map((c) => c.gain).filter(Number.isFinite).sort((a, b) => a - b);
+    this.choices.push({
+      after: readNumber(message.after, "choice.after"),
+      known: message.known ?? null,
+      candidates,
+      chosen,
+      most: gains[gains.length - 1] ?? null,
+      median: gains.length ? gains[Math.floor(gains.length / 2)] : null,
+    });
+  }
+
+  // What was chosen after the grasp at this position, if anything was.
+  choiceAt(at) {
+    const [number, before] = [this.grasps[at]?.number ?? -1, this.grasps[at - 1]?.number ?? -1];
+    return this.choices.findLast((choice) => choice.after <= number && choice.after > before) ?? null;
   }
 
   // Position among the grasps of the one with this number, or of the one it was merged into.

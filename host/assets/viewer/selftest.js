@@ -20,6 +20,8 @@ async function selfTest(player) {
     seen.grasps = scene.grasps.length;
     seen.touched = scene.grasps.reduce((sum, grasp) => sum + grasp.touched, 0);
     seen.surfaces = scene.surfaces.length;
+    seen.choices = scene.choices.length;
+    seen.candidates = Math.max(0, ...scene.choices.map((choice) => choice.candidates.length));
     seen.truth = scene.truth !== null;
     seen.charts = player.charts.cards.map((card) => card.chart.title);
 

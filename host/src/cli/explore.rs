@@ -8,10 +8,13 @@ use tactile_core::explore as core;
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::wire::WireSpace;
 
+use self::stage::Stage;
 use super::Error;
 use super::live::{self, Port};
-use super::terminal::{Progress, note, say, tell, tell_report};
+use super::terminal::{Progress, SPARK, say, sparkline, tell, tell_report};
+use super::view_address::{self, Address};
 use crate::explore::adviser::MOST;
+use crate::explore::episode::{Action, Event};
 use crate::explore::{self, Adviser, Board, Candidates, Criterion, Episode, Until};
 use crate::graph;
 use crate::link::{Patience, Session};
@@ -23,12 +26,14 @@ use crate::slam::output::{Outcome, Provenance, check_folder, conclude};
 use crate::slam::trackers::Kind;
 use crate::space::Bridge;
 
+mod stage;
+
 /// Explore a simulated object: choose a touch, touch, update, until the shape is known
 ///
 /// Writes what slam writes, and log.jsonl, from which slam and replay go on.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example: tactile explore --object rectangle:0.10x0.06 --moving --out explored"
+    after_help = "Example: tactile explore --object rectangle:0.10x0.06 --moving --out explored\n         tactile explore --object box:0.12x0.06x0.06 --view   (then open http://127.0.0.1:7332/)"
 )]
 pub struct ExploreArgs {
     /// What is explored, as in simulate
@@ -81,6 +86,10 @@ pub struct ExploreArgs {
     /// The same seed gives the same exploration
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Show the exploration in a browser while it runs, and after, until Ctrl-C. Other machines see it
+    /// only at an address that they reach, such as 0.0.0.0:7332, and then everyone there does
+    #[arg(long, value_name = "[HOST:]PORT", num_args = 0..=1, default_missing_value = "7332")]
+    view: Option<Address>,
     /// Folder for the results
     #[arg(long, default_value = "out")]
     out: PathBuf,
@@ -138,21 +147,22 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         Some(port) => Some(adviser::<Spatial>(args, port)?),
     };
     let adviser = adviser.as_mut().map(|a| a.as_mut() as &mut dyn Adviser);
+    let view = args.view.as_ref().map(Address::open).transpose()?;
+    let mut stage = Stage::new(view, &bench, &settings);
+    let progress = Progress::new("explore", "actions at most");
     let mut number = 0;
-    let episode = explore::explore_advised(&mut bench, &settings, adviser, |action| {
-        number += 1;
-        if !args.json {
-            let gain = action.gain.map_or(String::new(), |g| format!(", promised {g:.2}"));
-            note(format_args!(
-                "action {number}: {} contacts, {:.0} % known{gain}",
-                action.contacts,
-                100.0 * action.known
-            ));
+    let episode = explore::explore_advised(&mut bench, &settings, adviser, |event| {
+        if let Event::Touched { .. } = event {
+            number += 1;
+            progress.at(number, args.max_actions);
         }
+        stage.show(event);
     })
     .map_err(Error::failure)?;
+    drop(progress);
 
-    let outcome = finish(&bench, &settings, &episode)?;
+    let mut outcome = finish(&bench, &settings, &episode)?;
+    let view = stage.finish(&mut outcome);
     outcome.write(&args.out, bench.log(), Some(bench.geometry())).map_err(Error::input)?;
     let log = args.out.join("log.jsonl");
     bench.write(&log).map_err(Error::input)?;
@@ -162,6 +172,7 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         let result = result(&settings, &episode, report);
         say(serde_json::to_string_pretty(&result).map_err(Error::failure)?);
     } else {
+        tell(table(&episode.actions));
         tell(format_args!(
             "{} after {} actions ({} until {})",
             if episode.reached { "known" } else { "not known" },
@@ -172,7 +183,34 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         tell_report(&outcome.report);
         tell(format!("results in {}", args.out.display()));
     }
-    Ok(())
+    match view {
+        Some(view) => view_address::stay(&view),
+        None => Ok(()),
+    }
+}
+
+/// Actions that are listed one by one; of more the last ones.
+const LISTED: usize = 24;
+
+/// Action by action, and how the known share grew.
+fn table(actions: &[Action]) -> String {
+    let mut text = String::from("action  contacts    gain  known  choosing");
+    let left_out = actions.len().saturating_sub(LISTED);
+    if left_out > 0 {
+        text += &format!("\n     …  {left_out} actions before");
+    }
+    for (number, action) in actions.iter().enumerate().skip(left_out) {
+        let gain = action.gain.map_or("–".into(), |g| format!("{g:.2}"));
+        text += &format!(
+            "\n{:>6}{:>10}{gain:>8}{:>5.0} %{:>7.0} ms",
+            number + 1,
+            action.contacts,
+            100.0 * action.known,
+            1e3 * action.choosing
+        );
+    }
+    let known: Vec<f64> = actions.iter().map(|a| a.known).collect();
+    text + &format!("\n known  {}", sparkline(&known, SPARK))
 }
 
 /// A board that chooses.
@@ -255,4 +293,37 @@ fn result(settings: &explore::Settings, episode: &Episode, mut report: Value) ->
 /// As on the command line.
 fn name(criterion: Criterion) -> String {
     criterion.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::explore::Placement;
+    use crate::space::Pose;
+
+    #[test]
+    fn the_last_actions_are_listed_and_all_of_them_drawn() {
+        let placement = Placement { hand: Pose::identity(), spread: 1.0 };
+        let action = |k: usize| Action {
+            placement,
+            gain: (k > 0).then_some(1.5),
+            choosing: 0.25,
+            contacts: 5,
+            known: (k + 1) as f64 / 30.0,
+        };
+        let few: Vec<Action> = (0..2).map(action).collect();
+        assert_eq!(
+            table(&few),
+            "action  contacts    gain  known  choosing\n     1         5       –    3 %    250 ms\n     \
+             2         5    1.50    7 %    250 ms\n known  ▅█"
+        );
+        let many: Vec<Action> = (0..30).map(action).collect();
+        let text = table(&many);
+        assert!(
+            text.contains("…  6 actions before") && text.contains("    30         5"),
+            "{text}"
+        );
+        assert!(!text.contains("\n     6 "), "{text}");
+        assert_eq!(text.lines().last().map(|l| l.chars().count()), Some(8 + 30));
+    }
 }

@@ -10,10 +10,11 @@ use serde_json::{Value, json};
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::wire::{Hello, WireSpace};
 
-use self::watch::{Address, Watch};
+use self::watch::Watch;
 use super::Error;
 use super::slam::Input;
 use super::terminal::{Progress, note, say, tell, tell_report};
+use super::view_address::Address;
 use crate::graph::{self, joint};
 use crate::link::firmware::{self, Machine};
 use crate::link::lesson::Lesson;

@@ -13,6 +13,7 @@ pub mod reproduce;
 pub mod simulate;
 pub mod slam;
 mod terminal;
+pub mod view_address;
 
 use std::process::ExitCode;
 

@@ -50,23 +50,14 @@ pub enum Format {
 /// # Errors
 /// Neither a recording nor a log, a recording without a grasp, or an unwritable output.
 pub fn run(args: &ReplayArgs) -> Result<(), Error> {
-    if args.to == Format::Html {
+    let grasps = match args.to {
         // Says itself what is missing, and reads long recordings as they come.
-        return page(args);
-    }
-    let count = match is_log(&args.file) {
-        true => {
-            let log = GraspLog::read(&args.file).map_err(Error::input)?;
-            convert_log(&log, args)?;
-            log.grasps.len()
-        }
-        false => {
-            let replayed = read(&args.file)?;
-            convert_recording(&replayed, args)?;
-            replayed.log.grasps.len()
-        }
-    };
-    tell(format!("{count} grasps in {}", args.output.display()));
+        Format::Html => page(args),
+        Format::Jsonl => log(args),
+        Format::Csv => table(args),
+        Format::Mcap => film(args),
+    }?;
+    tell(format!("{grasps} grasps in {}", args.output.display()));
     Ok(())
 }
 
@@ -78,7 +69,7 @@ fn is_log(file: &Path) -> bool {
 const NAMED: usize = 6;
 
 /// A page shows what there is, and says what there is not.
-fn page(args: &ReplayArgs) -> Result<(), Error> {
+fn page(args: &ReplayArgs) -> Result<u64, Error> {
     let scene = if is_log(&args.file) {
         let (log, left_out) = GraspLog::salvage(&args.file).map_err(Error::input)?;
         let mut missing: Vec<String> =
@@ -104,9 +95,7 @@ fn page(args: &ReplayArgs) -> Result<(), Error> {
     }
     write_atomically(&args.output, |out| html::write(&scene, out))
         .map_err(|e| unwritable(&args.output, e))?;
-    let grasps: u64 = scene.grasps.iter().map(|g| g.merged).sum();
-    tell(format!("{grasps} grasps in {}", args.output.display()));
-    Ok(())
+    Ok(scene.grasps.iter().map(|g| g.merged).sum())
 }
 
 fn read(file: &Path) -> Result<Replayed, Error> {
@@ -127,53 +116,52 @@ fn read(file: &Path) -> Result<Replayed, Error> {
     Ok(replayed)
 }
 
-fn convert_recording(replayed: &Replayed, args: &ReplayArgs) -> Result<(), Error> {
-    let log = &replayed.log;
-    match args.to {
-        Format::Jsonl => log.write(&args.output).map_err(Error::input),
-        Format::Html => page(args),
-        Format::Csv => write_atomically(&args.output, |writer| replayed.write_csv(writer))
-            .map_err(|e| unwritable(&args.output, e)),
-        Format::Mcap => {
-            // An estimate without a pose is missing; the others carry the time of their grasp.
-            let mut estimates = replayed.estimates.iter().peekable();
-            let mut step = |time: Option<f64>| {
-                let own = estimates.next_if(|e| Some(e.time.as_secs_f64()) == time);
-                own.map(Step::from)
-            };
-            let steps: Vec<_> = log.grasps.iter().map(|g| step(g.time)).collect();
-            film(log, &steps, args)
-        }
-    }
+fn log(args: &ReplayArgs) -> Result<u64, Error> {
+    let (log, _) = open(&args.file)?;
+    log.write(&args.output).map_err(Error::input)?;
+    Ok(log.grasps.len() as u64)
 }
 
-fn convert_log(log: &GraspLog, args: &ReplayArgs) -> Result<(), Error> {
-    match args.to {
-        Format::Jsonl => log.write(&args.output).map_err(Error::input),
-        Format::Html => page(args),
-        Format::Csv => Err(Error::Input(format!(
+fn table(args: &ReplayArgs) -> Result<u64, Error> {
+    if is_log(&args.file) {
+        return Err(Error::Input(format!(
             "{}: expected a recording (.tac), found a grasp log: it has no estimates to tabulate",
             args.file.display()
-        ))),
-        Format::Mcap => film(log, &[], args),
+        )));
     }
+    let replayed = read(&args.file)?;
+    write_atomically(&args.output, |writer| replayed.write_csv(writer))
+        .map_err(|e| unwritable(&args.output, e))?;
+    Ok(replayed.log.grasps.len() as u64)
 }
 
-fn film(log: &GraspLog, steps: &[Option<Step>], args: &ReplayArgs) -> Result<(), Error> {
+fn film(args: &ReplayArgs) -> Result<u64, Error> {
+    let (log, steps) = open(&args.file)?;
     let name = args.file.display().to_string();
-    let truth = true_shape(log).unwrap_or_else(|error| {
+    let truth = true_shape(&log).unwrap_or_else(|error| {
         warn(format_args!("{name}: {error}; the true shape is left out"));
         None
     });
     let contents = mcap::Contents {
         title: if log.description.is_empty() { &name } else { &log.description },
-        log,
-        steps,
-        shape: None,
+        log: &log,
+        steps: &steps,
+        surfaces: &[],
         truth: truth.as_ref(),
         report: None,
     };
-    mcap::write(&args.output, &contents).map_err(|e| unwritable(&args.output, e))
+    mcap::write(&args.output, &contents).map_err(|e| unwritable(&args.output, e))?;
+    Ok(log.grasps.len() as u64)
+}
+
+/// A log, or what a recording holds as one; and what was made of each grasp, which a log does not say.
+fn open(file: &Path) -> Result<(GraspLog, Vec<Option<Step>>), Error> {
+    if is_log(file) {
+        return Ok((GraspLog::read(file).map_err(Error::input)?, Vec::new()));
+    }
+    let replayed = read(file)?;
+    let steps = replayed.steps();
+    Ok((replayed.log, steps))
 }
 
 fn unwritable(path: &Path, error: std::io::Error) -> Error {

@@ -12,12 +12,13 @@ use crate::cli::terminal::{note, say};
 use crate::experiment::chapter2::{self, FIGURES};
 use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{
-    Picture, calibration, chapter3, data, exploration, graphs, localization, memory, outliers,
-    pose_graphs, push, sensing, shapes, tracking,
+    calibration, chapter3, data, exploration, graphs, localization, memory, outliers, pose_graphs,
+    push, sensing, shapes, tracking,
 };
 use crate::graph;
 use crate::log::write::write_atomically;
 use crate::quantity::{self, Deviation};
+use crate::view::drawing::{Drawing, PictureError};
 
 /// Repeat an experiment: the thesis' number, or our goal, beside ours.
 #[derive(Debug, Args)]
@@ -33,7 +34,7 @@ pub struct ReproduceArgs {
     /// Print the numbers as JSON
     #[arg(long)]
     json: bool,
-    /// Also write numbers and pictures into this folder
+    /// Also write numbers (JSON) and pictures (SVG and PNG) into this folder
     #[arg(long)]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -174,17 +175,25 @@ struct Outcome {
     name: &'static str,
     text: String,
     json: serde_json::Value,
-    picture: Option<Picture>,
+    picture: Option<Drawing>,
 }
 
 impl Outcome {
     fn new<T: Display + Serialize>(
         name: &'static str,
         numbers: &T,
-        picture: Option<Picture>,
+        picture: Option<Drawing>,
     ) -> Result<Outcome, Error> {
         let json = serde_json::to_value(numbers).map_err(Error::failure)?;
         Ok(Outcome { name, text: numbers.to_string(), json, picture })
+    }
+
+    fn pictured<T: Display + Serialize>(
+        name: &'static str,
+        numbers: &T,
+        picture: Result<Drawing, PictureError>,
+    ) -> Result<Outcome, Error> {
+        Outcome::new(name, numbers, Some(picture.map_err(Error::failure)?))
     }
 
     fn write(&self, folder: &Path) -> Result<(), Error> {
@@ -194,10 +203,9 @@ impl Outcome {
         };
         let json = serde_json::to_string_pretty(&self.json).map_err(Error::failure)?;
         save(&format!("{}.json", self.name), json.as_bytes())?;
-        match &self.picture {
-            Some(picture) => save(&picture.name, &picture.png),
-            None => Ok(()),
-        }
+        let Some(picture) = &self.picture else { return Ok(()) };
+        save(&format!("{}.svg", self.name), picture.svg().as_bytes())?;
+        save(&format!("{}.png", self.name), &picture.png().map_err(Error::failure)?)
     }
 }
 
@@ -275,7 +283,7 @@ fn compare_shapes(args: &ReproduceArgs) -> Result<(), Error> {
     };
     let rows = watch(args, shapes::heading());
     let table = shapes::run(data().as_deref(), &selection, rows).map_err(Error::input)?;
-    conclude(args, &Outcome::new(SHAPES, &table, None)?)
+    conclude(args, &Outcome::pictured(SHAPES, &table, table.picture())?)
 }
 
 /// The comparison of all trackers, row by row as they are done.
@@ -307,11 +315,11 @@ fn compare_trackers(args: &ReproduceArgs) -> Result<(), Error> {
     if args.name == CONSISTENCY {
         let rows = watch(args, consistency::heading());
         let table = consistency::run(&selection, rows).map_err(Error::input)?;
-        return conclude(args, &Outcome::new(CONSISTENCY, &table, None)?);
+        return conclude(args, &Outcome::pictured(CONSISTENCY, &table, table.picture())?);
     }
     let rows = watch(args, tracking::heading());
     let table = tracking::run(&selection, rows).map_err(Error::input)?;
-    conclude(args, &Outcome::new(TRACKING, &table, None)?)
+    conclude(args, &Outcome::pictured(TRACKING, &table, table.picture())?)
 }
 
 /// All trackers on the recordings, row by row as they are done.
@@ -325,7 +333,7 @@ fn follow_recordings(args: &ReproduceArgs) -> Result<(), Error> {
     };
     let rows = watch(args, mujoco::heading());
     let table = mujoco::run(data().as_deref(), &selection, rows).map_err(Error::input)?;
-    conclude(args, &Outcome::new(MUJOCO, &table, None)?)
+    conclude(args, &Outcome::pictured(MUJOCO, &table, table.picture())?)
 }
 
 /// Actions until the object is known, row by row as they are done.
@@ -340,7 +348,7 @@ fn count_actions(args: &ReproduceArgs) -> Result<(), Error> {
     let rows = watch(args, exploration::heading());
     let object = args.part.object.first().map(String::as_str);
     let table = exploration::run(of, object, seeds, rows).map_err(Error::input)?;
-    conclude(args, &Outcome::new(name, &table, None)?)
+    conclude(args, &Outcome::pictured(name, &table, table.picture())?)
 }
 
 /// The pose graphs, row by row as they are done.
@@ -348,7 +356,7 @@ fn optimise_graphs(args: &ReproduceArgs) -> Result<(), Error> {
     let rows = watch(args, pose_graphs::heading());
     let table = pose_graphs::run(data().as_deref(), &args.part.object, args.seeds(), rows)
         .map_err(Error::input)?;
-    conclude(args, &Outcome::new(POSE_GRAPHS, &table, None)?)
+    conclude(args, &Outcome::pictured(POSE_GRAPHS, &table, table.picture())?)
 }
 
 /// The pose graphs with false loop closures, row by row as they are done.
@@ -391,38 +399,36 @@ fn conclude(args: &ReproduceArgs, outcome: &Outcome) -> Result<(), Error> {
 fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
     if let Some(figure) = chapter2::figure(name) {
         let drawn = figure.draw(args.seeds()).map_err(Error::failure)?;
-        return Outcome::new(name, &drawn, Some(drawn.picture.clone()));
+        return Outcome::pictured(name, &drawn, Ok(drawn.picture.clone()));
     }
     if let Some(figure) = chapter3::figure(name) {
         let drawn = figure.draw(args.seeds()).map_err(Error::failure)?;
-        return Outcome::new(name, &drawn, Some(drawn.picture.clone()));
+        return Outcome::pictured(name, &drawn, Ok(drawn.picture.clone()));
     }
     if let Some(figure) = graphs::figure(name) {
         let drawn = figure.draw(data().as_deref(), args.seeds()).map_err(Error::failure)?;
-        return Outcome::new(name, &drawn, Some(drawn.picture.clone()));
+        return Outcome::pictured(name, &drawn, Ok(drawn.picture.clone()));
     }
     if name == "calibration" {
         let table = calibration::run(data().as_deref(), 0, args.seeds()).map_err(Error::failure)?;
-        return Outcome::new(name, &table, None);
+        return Outcome::pictured(name, &table, table.picture());
     }
     if name == "memory" {
         let table = memory::run(args.seeds()).map_err(Error::failure)?;
-        return Outcome::new(name, &table, None);
+        return Outcome::pictured(name, &table, table.picture());
     }
     if name == "table-3.1" {
         let table = localization::run(data().as_deref(), args.seeds()).map_err(Error::failure)?;
-        return Outcome::new(name, &table, None);
+        return Outcome::pictured(name, &table, table.picture());
     }
     if name == WRENCH {
         let table = sensing::wrench::run(args.seeds()).map_err(Error::failure)?;
-        let picture = table.picture().map_err(Error::failure)?;
-        return Outcome::new(name, &table, Some(picture));
+        return Outcome::pictured(name, &table, table.picture());
     }
     if name == ELECTRODES {
         let table = sensing::electrodes::run(args.seeds()).map_err(Error::failure)?;
-        let picture = table.picture().map_err(Error::failure)?;
-        return Outcome::new(name, &table, Some(picture));
+        return Outcome::pictured(name, &table, table.picture());
     }
     let table = push::run(data().as_deref()).map_err(Error::input)?;
-    Outcome::new(name, &table, None)
+    Outcome::pictured(name, &table, table.picture())
 }

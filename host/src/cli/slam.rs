@@ -18,7 +18,7 @@ use crate::slam::{reconstruct, track};
 
 /// Reconstruct an object and its poses from a grasp log.
 ///
-/// Writes report.json, contour.csv (2D) or shape.ply (3D), trajectory.tum, graph.g2o, summary.png,
+/// Writes report.json, contour.csv (2D) or shape.ply (3D), trajectory.tum, graph.g2o, summary.png and .svg,
 /// replay.html (a moving scene for any browser) and replay.mcap (for Foxglove, Rerun and RViz).
 #[derive(Debug, Args)]
 #[command(

@@ -2,7 +2,8 @@
 //!
 //! Results asked for go to standard output, everything about the work to standard error. Colours are
 //! for terminals, and not where `NO_COLOR` is set (no-color.org) or `TERM` is `dumb`; progress is for
-//! terminals. `--quiet` leaves results in files, JSON, warnings and errors.
+//! terminals. `--quiet` leaves results in files, JSON, the address of a live view,
+//! warnings and errors.
 
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
@@ -41,6 +42,11 @@ pub(super) fn note(text: impl Display) {
     if !quiet() {
         let _ = writeln!(std::io::stderr(), "{text}");
     }
+}
+
+/// Says on standard error what somebody waits for: also when talk is unwanted.
+pub(super) fn announce(text: impl Display) {
+    let _ = writeln!(std::io::stderr(), "{text}");
 }
 
 /// Says on standard error what is not as it should be.

@@ -6,15 +6,15 @@
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::Spread;
 use super::model::{Model, Shape};
 use super::touches::{Source, Touched};
-use super::{Picture, Spread};
 use crate::shape::{align::align, metrics};
 use crate::sim::SimError;
 use crate::space::Point;
 use crate::view::curves::{self, Curve, Mark, Plot, Scale};
+use crate::view::drawing::{Drawing, PictureError};
 use crate::view::sheet::{self, Panel, Sheet};
-use crate::view::summary::PictureError;
 
 /// What a figure shows.
 #[derive(Clone, Copy, Debug)]
@@ -206,7 +206,7 @@ pub struct Drawn {
     pub lines: Vec<Line>,
     /// The picture.
     #[serde(skip)]
-    pub picture: Picture,
+    pub picture: Drawing,
 }
 
 /// Why a figure could not be made.
@@ -264,11 +264,10 @@ impl Figure {
             [(_, counts)] if counts.len() > 1 => counts.len(),
             _ => self.models.len(),
         };
-        let png = match self.view {
+        let picture = match self.view {
             View::Curves => curves::render(&plots)?,
             View::Sheet => sheet::render(&Sheet { title: self.title.into(), columns, panels })?,
         };
-        let picture = Picture { name: format!("{}.png", self.name), png };
         Ok(Drawn { title: self.title, thesis: self.thesis, lines, picture })
     }
 }
@@ -362,7 +361,7 @@ mod tests {
     fn a_figure_has_numbers_and_a_picture() {
         let drawn = figure("figure-2.14").unwrap().draw(2).unwrap();
         assert_eq!(drawn.lines.len(), 9);
-        assert!(drawn.picture.png.starts_with(b"\x89PNG"));
+        assert!(drawn.picture.svg().contains(">auto, 5 contacts</text>"));
         // Five contacts say little about the whole, but where they touched, the surface is known.
         for line in drawn.lines.iter().filter(|l| l.model == "auto") {
             assert_eq!(line.runs, (2, 2));

@@ -10,10 +10,10 @@ use tactile_core::surface::cholesky::packed;
 use tactile_core::surface::{Ball, Gpis, Matern32, Prior, Training};
 use tactile_core::track::Bootstrap;
 
+use super::Spread;
 use super::proportion::Proportion;
 use super::tracking::judge::{Judgement, Truth, gauge};
 use super::tracking::{Contender, full_noise, runs};
-use super::{Picture, Spread};
 use crate::baseline::{Baseline, literal};
 use crate::log::GraspLog;
 use crate::quantity::Deviation;
@@ -23,8 +23,8 @@ use crate::slam::reconstruct::reconstruct;
 use crate::slam::track::{Step, follow, settings};
 use crate::slam::trackers::{KERNEL, Kind};
 use crate::view::curves::{self, Curve, Mark, Plot, Scale};
+use crate::view::drawing::{Drawing, PictureError};
 use crate::view::sheet::{self, Panel, Sheet};
-use crate::view::summary::PictureError;
 
 /// What a figure shows.
 #[derive(Clone, Copy, Debug)]
@@ -122,7 +122,7 @@ pub struct Drawn {
     pub lines: Vec<Line>,
     /// The picture.
     #[serde(skip)]
-    pub picture: Picture,
+    pub picture: Drawing,
 }
 
 /// Why a figure could not be made.
@@ -183,7 +183,7 @@ impl Figure {
             along: "",
             pictured: None,
             lines: Vec::new(),
-            picture: Picture { name: format!("{}.png", self.name), png: Vec::new() },
+            picture: Drawing::default(),
         };
         match self.view {
             View::Progress(grasps) => self.progress(grasps, seeds, &mut drawn)?,
@@ -218,7 +218,7 @@ impl Figure {
         }
         drawn.pictured = Some(best.name());
         let title = format!("{}, tracker {}", self.title, best.name());
-        drawn.picture.png = sheet::render(&Sheet { title, columns: grasps.len(), panels })?;
+        drawn.picture = sheet::render(&Sheet { title, columns: grasps.len(), panels })?;
         Ok(())
     }
 
@@ -254,7 +254,7 @@ impl Figure {
                 curves,
             });
         }
-        drawn.picture.png = curves::render(&plots)?;
+        drawn.picture = curves::render(&plots)?;
         Ok(())
     }
 
@@ -293,7 +293,7 @@ impl Figure {
                 curves,
             });
         }
-        drawn.picture.png = curves::render(&plots)?;
+        drawn.picture = curves::render(&plots)?;
         Ok(())
     }
 }

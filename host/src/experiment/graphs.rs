@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use super::tracking::judge::{Judgement, Truth, judge};
 use super::tracking::{full_noise, mujoco};
-use super::{Picture, Spread, with_room};
+use super::{Spread, with_room};
 use crate::graph;
 use crate::graph::pairwise::{self, constraints::Rules};
 use crate::log::GraspLog;
@@ -22,7 +22,7 @@ use crate::sim::{ObjectSpec, Options, SimError, simulate};
 use crate::slam::track::Step;
 use crate::slam::trackers::Kind;
 use crate::view::curves::{self, Curve, Mark, Plot, Scale};
-use crate::view::summary::PictureError;
+use crate::view::drawing::{Drawing, PictureError};
 
 /// Whose poses the graphs correct.
 const TRACKER: Kind = Kind::Hypotheses;
@@ -206,7 +206,7 @@ pub struct Drawn {
     pub notes: Vec<String>,
     /// The picture.
     #[serde(skip)]
-    pub picture: Picture,
+    pub picture: Drawing,
 }
 
 /// Why a figure could not be made.
@@ -260,7 +260,7 @@ impl Figure {
             along: "",
             lines: Vec::new(),
             notes: Vec::new(),
-            picture: Picture { name: format!("{}.png", self.name), png: Vec::new() },
+            picture: Drawing::default(),
         };
         match self.view {
             View::Graph => drawings::graph(self.title, self.objects, &mut drawn)?,
@@ -296,7 +296,7 @@ impl Figure {
             }
             plots.push(plot(object, "constraints allowed", curves));
         }
-        drawn.picture.png = curves::render(&plots)?;
+        drawn.picture = curves::render(&plots)?;
         Ok(())
     }
 
@@ -318,7 +318,7 @@ impl Figure {
             }
             plots.push(plot(object, "motion noise, % of 10 mm and 20°", curves));
         }
-        drawn.picture.png = curves::render(&plots)?;
+        drawn.picture = curves::render(&plots)?;
         Ok(())
     }
 }
@@ -364,7 +364,7 @@ fn recorded(data: Option<&Path>, dimension: usize, drawn: &mut Drawn) -> Result<
             medians(|l| l.rms_mm)
         ));
     }
-    drawn.picture.png = curves::render(&[plot("recordings", "number of the recording", curves)])?;
+    drawn.picture = curves::render(&[plot("recordings", "number of the recording", curves)])?;
     Ok(())
 }
 

@@ -11,6 +11,7 @@ pub mod memory;
 pub mod model;
 pub mod outliers;
 mod peak;
+mod pictures;
 pub mod pose_graphs;
 pub mod proportion;
 pub mod push;
@@ -69,15 +70,6 @@ pub(crate) fn with_room<T: Send>(work: impl FnOnce() -> T + Send) -> T {
         Ok(pool) => pool.install(work),
         Err(_) => work(),
     }
-}
-
-/// A picture that an experiment draws.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Picture {
-    /// Of its file.
-    pub name: String,
-    /// Its content, PNG.
-    pub png: Vec<u8>,
 }
 
 /// Median and quartiles of a sample, ignoring what is not finite.

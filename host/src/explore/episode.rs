@@ -12,6 +12,7 @@ use super::placement::{Placement, drawn, fixed};
 use super::prediction::predict;
 use crate::graph;
 use crate::link::SessionError;
+use crate::log::GraspLog;
 use crate::shape::align::align;
 use crate::sim::Bench;
 use crate::sim::random::Random;
@@ -60,6 +61,31 @@ pub struct Settings {
     pub seed: u64,
 }
 
+/// What happens in an exploration, as it happens.
+#[derive(Clone, Copy, Debug)]
+pub enum Event<'a> {
+    /// The next grasp was chosen and is about to be made.
+    Chosen {
+        /// Among these, object frame.
+        candidates: &'a [Placement],
+        /// What each promises; empty where chance decides.
+        gains: &'a [f64],
+        /// Which of them.
+        choice: usize,
+    },
+    /// A grasp was made.
+    Touched {
+        /// It, and what came of it.
+        action: &'a Action,
+        /// All that was felt.
+        log: &'a GraspLog,
+        /// The poses as they are known now.
+        steps: &'a [Step],
+        /// The shape as it is known now.
+        belief: &'a Belief,
+    },
+}
+
 /// One action and what came of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Action {
@@ -103,14 +129,14 @@ pub enum Error {
     Adviser(#[from] SessionError),
 }
 
-/// Explores the object on the bench, and tells `watch` of every action.
+/// Explores the object on the bench, and tells `watch` of every choice and every action.
 ///
 /// # Errors
 /// When the hand meets nothing at first, or what it felt makes no surface.
 pub fn explore(
     bench: &mut Bench,
     settings: &Settings,
-    watch: impl FnMut(&Action),
+    watch: impl FnMut(Event<'_>),
 ) -> Result<Episode, Error> {
     explore_advised(bench, settings, None, watch)
 }
@@ -124,7 +150,7 @@ pub fn explore_advised(
     bench: &mut Bench,
     settings: &Settings,
     mut adviser: Option<&mut dyn Adviser>,
-    mut watch: impl FnMut(&Action),
+    mut watch: impl FnMut(Event<'_>),
 ) -> Result<Episode, Error> {
     let [mut random] = Random::streams(settings.seed ^ 0x5eed_ca5e);
     let dimension = bench.log().dimension;
@@ -140,7 +166,8 @@ pub fn explore_advised(
         let truth = true_frame(bench, settings, &belief, &steps);
         let (known, enough) = settings.until.known(&belief, bench.geometry(), &truth);
         next.known = known;
-        watch(&next);
+        let log = bench.log();
+        watch(Event::Touched { action: &next, log, steps: &steps, belief: &belief });
         actions.push(next);
         let finish = |actions, steps: Vec<Step>, reached| {
             let pose_error = pose_error(bench, &steps, &truth);
@@ -152,12 +179,12 @@ pub fn explore_advised(
 
         let start = Instant::now();
         let candidates = candidates(&belief, settings, &mut random);
-        let Some((choice, gain)) = choose(&belief, settings, &candidates, &actions, &mut random)
+        let Some((choice, gains)) = choose(&belief, settings, &candidates, &actions, &mut random)
         else {
             return Ok(finish(actions, steps, false));
         };
         let (choice, gain) = match adviser.as_deref_mut() {
-            None => (choice, gain),
+            None => (choice, gains.get(choice).copied()),
             Some(adviser) => {
                 let open = open(settings, &candidates, &actions);
                 let closings: Vec<Closing> =
@@ -172,6 +199,7 @@ pub fn explore_advised(
             return Ok(finish(actions, steps, true));
         }
         let choosing = start.elapsed().as_secs_f64();
+        watch(Event::Chosen { candidates: &candidates, gains: &gains, choice });
         let placement = candidates[choice];
         let off = (placement.hand.translation.vector - belief.centre).norm();
         let strokes = placement.strokes(dimension, belief.radius + off);
@@ -249,20 +277,20 @@ fn candidates(belief: &Belief, settings: &Settings, random: &mut Random) -> Vec<
     }
 }
 
-/// Which candidate, and what it promises.
+/// Which candidate, and what each promises; nothing where chance decides.
 fn choose(
     belief: &Belief,
     settings: &Settings,
     candidates: &[Placement],
     done: &[Action],
     random: &mut Random,
-) -> Option<(usize, Option<f64>)> {
+) -> Option<(usize, Vec<f64>)> {
     if candidates.is_empty() {
         return None;
     }
     let draw = |open: &[usize], random: &mut Random| {
         open.get(((random.unit() * open.len() as f64) as usize).min(open.len().saturating_sub(1)))
-            .map(|i| (*i, None))
+            .map(|i| (*i, Vec::new()))
     };
     let any: Vec<usize> = (0..candidates.len()).collect();
     let again = |i: &usize, actions: &[Action]| {
@@ -280,7 +308,7 @@ fn choose(
     let scores = criterion.scores(belief, &predict(belief, candidates));
     let recent = &done[done.len().saturating_sub(REMEMBERED)..];
     let choice = best(&scores, |i| again(&i, recent)).or_else(|| best(&scores, |_| false))?;
-    Some((choice, Some(scores[choice])))
+    Some((choice, scores))
 }
 
 /// A candidate as it would be made.
@@ -344,8 +372,21 @@ mod tests {
             let mut bench = bench("rectangle:0.1x0.06", STILL, 1);
             let settings = settings(Criterion::Entropy, Candidates::Continuous(40));
             let mut watched = 0;
-            let episode = explore(&mut bench, &settings, |_| watched += 1).unwrap();
+            let mut promised = Vec::new();
+            let episode = explore(&mut bench, &settings, |event| match event {
+                Event::Touched { action, log, steps, .. } => {
+                    watched += 1;
+                    assert!(action.contacts > 0 && log.grasps.len() == steps.len());
+                }
+                Event::Chosen { candidates, gains, choice } => {
+                    assert_eq!((candidates.len(), gains.len()), (40, 40));
+                    promised.push(gains[choice]);
+                }
+            })
+            .unwrap();
             assert_eq!(watched, episode.actions.len());
+            let kept: Vec<f64> = episode.actions.iter().filter_map(|a| a.gain).collect();
+            assert_eq!(promised, kept);
             assert_eq!(bench.log().grasps.len(), episode.steps.len());
             episode
         };

@@ -14,6 +14,7 @@ use tactile_core::wire::{
 
 use super::recording::{Direction, Header, Piece, Recording};
 use super::{GraspLog, LoggedContact, LoggedFree, LoggedGrasp, Noise};
+use crate::slam::track::Step;
 use crate::space::{self, Bridge, Point, Pose};
 
 /// A recording, understood.
@@ -379,6 +380,16 @@ impl RecordedEstimate {
 }
 
 impl Replayed {
+    /// What the board made of each grasp of the log; an estimate without a pose is missing.
+    pub fn steps(&self) -> Vec<Option<Step>> {
+        // Estimates carry the time of their grasp.
+        let mut estimates = self.estimates.iter().peekable();
+        let mut step = |time: Option<f64>| {
+            estimates.next_if(|e| Some(e.time.as_secs_f64()) == time).map(Step::from)
+        };
+        self.log.grasps.iter().map(|grasp| step(grasp.time)).collect()
+    }
+
     /// Writes one line per estimate: grasp, time (s), position (m), rotation (radians or quaternion
     /// x, y, z, w), standard deviations in object axes (m, rad), counts.
     ///

@@ -72,6 +72,16 @@ impl Geometry {
         }
     }
 
+    /// All vertices, metres: of an outline loop after loop, in the plane z = 0.
+    pub fn vertices(&self) -> Vec<Point> {
+        match self {
+            Geometry::Outline(outline) => {
+                outline.loops.iter().flatten().map(|v| Point::new(v[0], v[1], 0.0)).collect()
+            }
+            Geometry::Mesh(mesh) => mesh.vertices().to_vec(),
+        }
+    }
+
     /// The same shape moved by `pose`.
     pub fn transformed(&self, pose: &Pose) -> Geometry {
         match self {

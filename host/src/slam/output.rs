@@ -14,9 +14,10 @@ use crate::slam::odometry_graph::odometry_graph;
 use crate::slam::reconstruct::{self, Reconstruction, reconstruct};
 use crate::slam::replay;
 use crate::slam::track::Step;
+use crate::view::drawing::PictureError;
 use crate::view::report::{JudgedGrasp, Report, Run, gauge, pose_errors};
 use crate::view::summary::{self, Summary};
-use crate::view::{html, mcap, trajectory};
+use crate::view::{html, mcap, scene, trajectory};
 
 /// The true shape of a log cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -54,6 +55,8 @@ pub struct Outcome {
     pub steps: Vec<Step>,
     /// The poses and the motions between them.
     pub graph: Graph,
+    /// Of an exploration: what it knew and chose among, for the replay; empty of anything else.
+    pub choices: Vec<scene::Choice>,
     /// Everything the picture shows, in one frame.
     summary: Summary,
     /// Seconds of each grasp, or its number where the log has no times.
@@ -117,7 +120,7 @@ pub fn conclude(
     let summary = summarise(provenance.title, &report, &grasps, &reconstruction, truth);
     let times = log.grasps.iter().map(|g| g.time.unwrap_or(g.index as f64)).collect();
     let graph = odometry_graph(log, &steps);
-    Ok(Outcome { report, reconstruction, steps, graph, summary, times })
+    Ok(Outcome { report, reconstruction, steps, graph, choices: Vec::new(), summary, times })
 }
 
 /// Log and poses side by side.
@@ -224,6 +227,7 @@ pub fn check_folder(folder: &Path) -> Result<(), WriteError> {
         "replay.mcap",
         "replay.html",
         "summary.png",
+        "summary.svg",
         "report.json",
     ] {
         let path = folder.join(name);
@@ -263,8 +267,8 @@ impl Outcome {
     }
 
     /// Writes `report.json`, `contour.csv` or `shape.ply`, `trajectory.tum`, `graph.g2o`,
-    /// `replay.mcap`, `replay.html` and `summary.png` into `folder`, which is made if need be. Everything is computed
-    /// before the first file appears, and each file appears whole. `log` and `truth` are those it was
+    /// `replay.mcap`, `replay.html`, `summary.png` and `summary.svg` into `folder`, which is made if need
+    /// be. Everything is computed before the first file appears, and each file appears whole. `log` and `truth` are those it was
     /// concluded from.
     ///
     /// # Errors
@@ -275,9 +279,12 @@ impl Outcome {
         log: &GraspLog,
         truth: Option<&Geometry>,
     ) -> Result<(), WriteError> {
-        let picture = summary::render(&self.summary)
-            .map_err(|e| WriteError::at(&folder.join("summary.png"))(io::Error::other(e)))?;
-        let scene = replay::of_run(log, self, truth);
+        let unpaintable =
+            |e| WriteError::at(&folder.join("summary.png"))(io::Error::other::<PictureError>(e));
+        let picture = summary::render(&self.summary).map_err(unpaintable)?;
+        let pixels = picture.png().map_err(unpaintable)?;
+        let grown = replay::growth(log, self);
+        let replay = replay::of_run(log, self, truth, &grown);
         std::fs::create_dir_all(folder).map_err(WriteError::at(folder))?;
 
         let shape = folder.join(match self.reconstruction.geometry {
@@ -305,17 +312,21 @@ impl Outcome {
             title: &self.summary.title,
             log,
             steps: &steps,
-            shape: Some((&self.reconstruction.geometry, &self.reconstruction.deviations)),
+            surfaces: &grown,
             truth,
             report: Some(&self.report),
         };
         mcap::write(&path, &contents).map_err(WriteError::at(&path))?;
         let path = folder.join("replay.html");
-        crate::log::write::write_atomically(&path, |out| html::write(&scene, out))
+        crate::log::write::write_atomically(&path, |out| html::write(&replay, out))
             .map_err(WriteError::at(&path))?;
-        let path = folder.join("summary.png");
-        crate::log::write::write_atomically(&path, |out| out.write_all(&picture))
-            .map_err(WriteError::at(&path))?;
+        for (name, content) in
+            [("summary.png", pixels.as_slice()), ("summary.svg", picture.svg().as_bytes())]
+        {
+            let path = folder.join(name);
+            crate::log::write::write_atomically(&path, |out| out.write_all(content))
+                .map_err(WriteError::at(&path))?;
+        }
         // Last, so that a report means that everything is there.
         let path = folder.join("report.json");
         self.report.write(&path).map_err(WriteError::at(&path))

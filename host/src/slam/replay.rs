@@ -18,7 +18,7 @@ use crate::slam::track::Step;
 use crate::slam::usual_deviations;
 use crate::space::{Point, Pose};
 use crate::view::growth::{Grown, grow, shown};
-use crate::view::scene::{Grasp, Meta, Packed, Scene, Shape, Surface};
+use crate::view::scene::{Grasp, Meta, Scene, Shape, Surface};
 use crate::view::timeline::Timeline;
 
 /// Contacts that the surface of a recording is fitted to at most, in the plane and in space.
@@ -27,8 +27,19 @@ const CONTACTS: [usize; 2] = [300, 200];
 /// Grasps with contacts from which a recording shows a surface.
 const LEAST_GRASPS: usize = 2;
 
-/// A finished run. `log` and `truth` are those it was concluded from.
-pub fn of_run(log: &GraspLog, outcome: &Outcome, truth: Option<&Geometry>) -> Scene {
+/// The surface of a finished run as it grew. `log` is that which the run was concluded from.
+pub fn growth(log: &GraspLog, outcome: &Outcome) -> Vec<Grown> {
+    let until = |count: usize| free(log, &outcome.steps[..count.min(outcome.steps.len())]);
+    grow(log.dimension, &outcome.reconstruction, &until)
+}
+
+/// A finished run. `log` and `truth` are those it was concluded from, `grown` is its [`growth`].
+pub fn of_run(
+    log: &GraspLog,
+    outcome: &Outcome,
+    truth: Option<&Geometry>,
+    grown: &[Grown],
+) -> Scene {
     let mut timeline = Timeline::default();
     for (grasp, step) in log.grasps.iter().zip(&outcome.steps) {
         timeline.push(Grasp::estimated(grasp, step, log.dimension));
@@ -43,14 +54,13 @@ pub fn of_run(log: &GraspLog, outcome: &Outcome, truth: Option<&Geometry>) -> Sc
         let (gauge, truth) = gauge.zip(truth)?;
         metrics::compare(&geometry.transformed(&gauge.inverse()), truth)
     };
-    let until = |count: usize| free(log, &outcome.steps[..count.min(outcome.steps.len())]);
-    let grown = grow(log.dimension, &outcome.reconstruction, &until);
     let final_grasp = grown.len().saturating_sub(1);
     let surfaces = grown
         .iter()
         .enumerate()
         .map(|(i, grown)| {
-            let mut surface = surface(grown, log.grasps.get(grown.grasp).map_or(0, |g| g.index));
+            let after = log.grasps.get(grown.grasp).map_or(0, |g| g.index);
+            let mut surface = Surface::new(&grown.geometry, &grown.deviations, after);
             if i == final_grasp {
                 // As the report has it.
                 let judged = &outcome.report.surface;
@@ -71,7 +81,7 @@ pub fn of_run(log: &GraspLog, outcome: &Outcome, truth: Option<&Geometry>) -> Sc
         figures: outcome.figures(),
         ..Meta::new(log.dimension, outcome.title())
     };
-    Scene { meta, grasps, surfaces }
+    Scene { meta, grasps, surfaces, choices: outcome.choices.clone() }
 }
 
 /// A grasp log as it is: what was felt where, and what is known of the truth. `missing` says what of
@@ -91,7 +101,7 @@ pub fn of_log(
         missing,
         ..Meta::new(log.dimension, title)
     };
-    Scene { meta, grasps: timeline.into_grasps(), surfaces: Vec::new() }
+    Scene { meta, grasps: timeline.into_grasps(), surfaces: Vec::new(), choices: Vec::new() }
 }
 
 /// A recording: what was sent, what the board made of it, and the surface that its poses make of the
@@ -173,17 +183,7 @@ pub fn of_recording(path: &Path) -> Result<Scene, RecordingError> {
         missing,
         ..Meta::new(dimension, title)
     };
-    Ok(Scene { meta, grasps, surfaces })
-}
-
-fn surface(grown: &Grown, after: u64) -> Surface {
-    Surface {
-        after,
-        shape: Shape::new(&grown.geometry),
-        deviations: Packed(grown.deviations.iter().map(|&d| d as f32).collect()),
-        hausdorff_mm: None,
-        mean_mm: None,
-    }
+    Ok(Scene { meta, grasps, surfaces, choices: Vec::new() })
 }
 
 /// Surfaces of the contacts that the timeline holds, at its poses, and the name of their model; none
@@ -215,7 +215,10 @@ fn recorded_surfaces(
     let grown = grow(dimension, &reconstruction, &|_| Vec::new());
     let surfaces = grown
         .iter()
-        .map(|grown| surface(grown, grasps.get(grown.grasp).map_or(0, |g| g.grasp)))
+        .map(|grown| {
+            let after = grasps.get(grown.grasp).map_or(0, |g| g.grasp);
+            Surface::new(&grown.geometry, &grown.deviations, after)
+        })
         .collect();
     (Some(name), surfaces)
 }

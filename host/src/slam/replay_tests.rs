@@ -97,7 +97,7 @@ fn a_run_shows_its_surface_growing_and_ends_with_the_reports_figures() {
         progress: &|_, _| (),
     };
     let outcome = conclude(&log, truth.as_ref(), steps, provenance).unwrap();
-    let scene = of_run(&log, &outcome, truth.as_ref());
+    let scene = of_run(&log, &outcome, truth.as_ref(), &growth(&log, &outcome));
     assert_eq!((scene.meta.title.as_str(), scene.meta.grasps), ("a block", Some(10)));
     assert_eq!(scene.grasps.len(), 10);
     assert!(scene.grasps.iter().all(|g| g.truth == g.pose && g.entropy.is_none()));

@@ -1,14 +1,9 @@
-//! A drawing surface: lines, areas, dots and text, anti-aliased, coordinates in pixels from the
-//! upper left corner.
-
-use ab_glyph::{Font, FontRef, GlyphId, OutlineCurve};
-use tiny_skia::{
-    FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, PixmapPaint, Rect, Stroke,
-    Transform,
-};
+//! A drawing surface: lines, areas, dots and text, coordinates in pixels from the upper left corner.
+//! It keeps what is drawn on it as a [`Drawing`], and leaves out what is not a number.
 
 use super::colour::Colour;
-use super::summary::PictureError;
+use super::drawing::typeface::Typeface;
+use super::drawing::{Drawing, Image, Operation, PictureError, Shape};
 
 /// A position in pixels.
 pub(super) type Pixel = [f32; 2];
@@ -22,7 +17,7 @@ pub(super) enum Anchor {
 }
 
 /// How text looks.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Style {
     /// Pixels per em.
     pub size: f32,
@@ -74,132 +69,117 @@ impl Frame {
 }
 
 pub(super) struct Canvas {
-    pixmap: Pixmap,
-    regular: FontRef<'static>,
-    bold: FontRef<'static>,
+    drawing: Drawing,
+    typeface: Typeface,
+}
+
+/// Farther out nothing can be seen, pixels.
+const FAR: f32 = 1e5;
+
+/// Where something is; `None` where it is nowhere.
+fn placed(at: Pixel) -> Option<Pixel> {
+    at.iter().all(|v| v.is_finite()).then(|| at.map(|v| v.clamp(-FAR, FAR)))
 }
 
 impl Canvas {
+    /// A surface of one colour.
+    ///
+    /// # Errors
+    /// When the bundled typeface cannot be read.
     pub fn new(width: u32, height: u32, background: Colour) -> Result<Self, PictureError> {
-        let mut pixmap = Pixmap::new(width, height).ok_or(PictureError::Size { width, height })?;
-        pixmap.fill(colour_of(background));
-        let font = |bytes| FontRef::try_from_slice(bytes).map_err(|_| PictureError::Font);
-        Ok(Self {
-            pixmap,
-            regular: font(dejavu::sans::regular())?,
-            bold: font(dejavu::sans::bold())?,
-        })
+        let all = Frame { left: 0.0, top: 0.0, width: width as f32, height: height as f32 };
+        let operations = vec![Operation::Fill(Shape::Frame(all, 0.0), background)];
+        Ok(Self { drawing: Drawing { width, height, operations }, typeface: Typeface::new()? })
     }
 
-    /// The picture as PNG.
-    pub fn encode(&self) -> Result<Vec<u8>, PictureError> {
-        self.pixmap.encode_png().map_err(|e| PictureError::Encode(e.to_string()))
+    /// The picture.
+    pub fn finish(self) -> Drawing {
+        self.drawing
+    }
+
+    fn add(&mut self, operation: Operation) {
+        self.drawing.operations.push(operation);
     }
 
     pub fn fill_frame(&mut self, frame: &Frame, colour: Colour) {
-        if let Some(rect) = Rect::from_xywh(frame.left, frame.top, frame.width, frame.height) {
-            self.pixmap.fill_rect(rect, &paint(colour), Transform::identity(), None);
-        }
+        self.fill_card(frame, 0.0, colour);
     }
 
     /// A rectangle with rounded corners.
     pub fn fill_card(&mut self, frame: &Frame, radius: f32, colour: Colour) {
-        let (l, t, r, b) = (frame.left, frame.top, frame.right(), frame.bottom());
-        let mut path = PathBuilder::new();
-        path.move_to(l + radius, t);
-        path.line_to(r - radius, t);
-        path.quad_to(r, t, r, t + radius);
-        path.line_to(r, b - radius);
-        path.quad_to(r, b, r - radius, b);
-        path.line_to(l + radius, b);
-        path.quad_to(l, b, l, b - radius);
-        path.line_to(l, t + radius);
-        path.quad_to(l, t, l + radius, t);
-        path.close();
-        self.fill(path.finish(), colour);
+        let ends = [[frame.left, frame.top], [frame.right(), frame.bottom()]].map(placed);
+        if let [Some(_), Some(_)] = ends
+            && frame.width > 0.0
+            && frame.height > 0.0
+        {
+            self.add(Operation::Fill(Shape::Frame(*frame, radius), colour));
+        }
     }
 
     /// The area inside closed polygons, holes left out.
     pub fn fill_area(&mut self, loops: &[Vec<Pixel>], colour: Colour) {
-        let mut path = PathBuilder::new();
-        for vertices in loops {
-            add_polyline(&mut path, vertices);
-            path.close();
+        let placed = |l: &Vec<Pixel>| l.iter().copied().filter_map(placed).collect();
+        let loops: Vec<Vec<Pixel>> = loops.iter().map(placed).filter(enough).collect();
+        if !loops.is_empty() {
+            self.add(Operation::Fill(Shape::Loops(loops), colour));
         }
-        self.fill_by(path.finish(), FillRule::EvenOdd, colour);
     }
 
     pub fn fill_dot(&mut self, centre: Pixel, radius: f32, colour: Colour) {
-        self.fill(PathBuilder::from_circle(centre[0], centre[1], radius), colour);
+        if let Some(centre) = placed(centre).filter(|_| radius > 0.0 && radius < FAR) {
+            self.add(Operation::Fill(Shape::Circle(centre, radius), colour));
+        }
     }
 
     pub fn ring(&mut self, centre: Pixel, radius: f32, width: f32, colour: Colour) {
-        self.stroke(PathBuilder::from_circle(centre[0], centre[1], radius), width, colour);
+        if let Some(centre) = placed(centre).filter(|_| radius > 0.0 && radius < FAR) {
+            self.add(Operation::Stroke(Shape::Circle(centre, radius), width, colour));
+        }
     }
 
-    /// Lines from vertex to vertex with round ends.
+    /// Lines from vertex to vertex with round ends; none to and from where a vertex is not known.
     pub fn line(&mut self, vertices: &[Pixel], width: f32, colour: Colour) {
-        let mut path = PathBuilder::new();
-        add_polyline(&mut path, vertices);
-        self.stroke(path.finish(), width, colour);
+        let all: Vec<Option<Pixel>> = vertices.iter().copied().map(placed).collect();
+        for piece in all.split(Option::is_none).filter(|piece| !piece.is_empty()) {
+            let piece = piece.iter().copied().flatten().collect();
+            self.add(Operation::Stroke(Shape::Line(piece), width, colour));
+        }
     }
 
     /// Like [`Canvas::line`], back to the first vertex.
     pub fn closed_line(&mut self, vertices: &[Pixel], width: f32, colour: Colour) {
-        let mut path = PathBuilder::new();
-        add_polyline(&mut path, vertices);
-        path.close();
-        self.stroke(path.finish(), width, colour);
+        let vertices: Vec<Pixel> = vertices.iter().copied().filter_map(placed).collect();
+        if enough(&vertices) {
+            self.add(Operation::Stroke(Shape::Loops(vec![vertices]), width, colour));
+        }
     }
 
-    /// Lays another picture (straight RGBA, row by row) over this one.
-    pub fn overlay(&mut self, left: i32, top: i32, width: u32, rows: &[[f32; 4]]) {
-        let height = rows.len() as u32 / width.max(1);
-        let Some(mut layer) = Pixmap::new(width, height) else { return };
-        for (to, from) in layer.pixels_mut().iter_mut().zip(rows) {
-            *to = colour_of(Colour(*from)).premultiply().to_color_u8();
+    /// Lays pixels (straight RGBA, row by row) over the picture.
+    pub fn overlay(&mut self, left: f32, top: f32, width: u32, rows: &[[f32; 4]]) {
+        if let Some([left, top]) = placed([left, top]) {
+            let pixels = rows.iter().map(|p| Colour(*p).bytes()).collect();
+            self.add(Operation::Image(Image { left, top, width, pixels }));
         }
-        let how = PixmapPaint::default();
-        self.pixmap.draw_pixmap(left, top, layer.as_ref(), &how, Transform::identity(), None);
     }
 
     /// Lays a smaller canvas over this one, what does not fit cut off.
-    pub fn place(&mut self, left: i32, top: i32, other: &Canvas) {
-        let how = PixmapPaint::default();
-        self.pixmap.draw_pixmap(
-            left,
-            top,
-            other.pixmap.as_ref(),
-            &how,
-            Transform::identity(),
-            None,
-        );
+    pub fn place(&mut self, at: Pixel, other: Canvas) {
+        if let Some(at) = placed(at) {
+            self.add(Operation::Inset(at, other.finish()));
+        }
     }
 
     /// Writes one line; `at` is on the baseline. Returns its width in pixels.
     pub fn text(&mut self, at: Pixel, style: Style, text: &str) -> f32 {
-        let width = self.text_width(style, text);
-        let mut x = match style.anchor {
-            Anchor::Start => at[0],
-            Anchor::Middle => at[0] - width / 2.0,
-            Anchor::End => at[0] - width,
-        };
-        let mut path = PathBuilder::new();
-        let font = if style.bold { &self.bold } else { &self.regular };
-        let scale = em(font, style.size);
-        for glyph in text.chars().map(|c| font.glyph_id(c)) {
-            add_glyph(&mut path, font, glyph, scale, [x, at[1]]);
-            x += font.h_advance_unscaled(glyph) * scale;
+        if let Some(at) = placed(at).filter(|_| !text.is_empty()) {
+            self.add(Operation::Text(at, style, text.to_owned()));
         }
-        self.fill(path.finish(), style.colour);
-        width
+        self.text_width(style, text)
     }
 
     /// How wide a text would be, pixels.
     pub fn text_width(&self, style: Style, text: &str) -> f32 {
-        let font = if style.bold { &self.bold } else { &self.regular };
-        let scale = em(font, style.size);
-        text.chars().map(|c| font.h_advance_unscaled(font.glyph_id(c)) * scale).sum()
+        self.typeface.width(style, text)
     }
 
     /// `text`, cut with an ellipsis where it would be wider than `width` pixels.
@@ -216,85 +196,9 @@ impl Canvas {
         }
         String::new()
     }
-
-    fn fill(&mut self, path: Option<Path>, colour: Colour) {
-        self.fill_by(path, FillRule::Winding, colour);
-    }
-
-    fn fill_by(&mut self, path: Option<Path>, rule: FillRule, colour: Colour) {
-        if let Some(path) = path {
-            self.pixmap.fill_path(&path, &paint(colour), rule, Transform::identity(), None);
-        }
-    }
-
-    fn stroke(&mut self, path: Option<Path>, width: f32, colour: Colour) {
-        if let Some(path) = path {
-            let (line_cap, line_join) = (LineCap::Round, LineJoin::Round);
-            let stroke = Stroke { width, line_cap, line_join, ..Stroke::default() };
-            self.pixmap.stroke_path(&path, &paint(colour), &stroke, Transform::identity(), None);
-        }
-    }
 }
 
-fn paint(colour: Colour) -> Paint<'static> {
-    let mut paint = Paint::default();
-    paint.set_color(colour_of(colour));
-    paint.anti_alias = true;
-    paint
-}
-
-fn colour_of(colour: Colour) -> tiny_skia::Color {
-    let [r, g, b, a] = colour.0.map(|c| if c.is_nan() { 0.0 } else { c.clamp(0.0, 1.0) });
-    tiny_skia::Color::from_rgba(r, g, b, a).unwrap_or(tiny_skia::Color::BLACK)
-}
-
-fn add_polyline(path: &mut PathBuilder, vertices: &[Pixel]) {
-    for (i, v) in vertices.iter().enumerate() {
-        if i == 0 {
-            path.move_to(v[0], v[1]);
-        } else {
-            path.line_to(v[0], v[1]);
-        }
-    }
-}
-
-/// Pixels per font unit.
-fn em(font: &FontRef, size: f32) -> f32 {
-    size / font.units_per_em().unwrap_or(2048.0)
-}
-
-fn add_glyph(path: &mut PathBuilder, font: &FontRef, glyph: GlyphId, scale: f32, at: Pixel) {
-    let Some(outline) = font.outline(glyph) else { return };
-    let place = |p: ab_glyph::Point| (at[0] + p.x * scale, at[1] - p.y * scale);
-    let mut last = None;
-    for curve in outline.curves {
-        let (from, to) = match curve {
-            OutlineCurve::Line(a, b) => (a, b),
-            OutlineCurve::Quad(a, _, b) => (a, b),
-            OutlineCurve::Cubic(a, _, _, b) => (a, b),
-        };
-        if last != Some(from) {
-            if last.is_some() {
-                path.close();
-            }
-            let (x, y) = place(from);
-            path.move_to(x, y);
-        }
-        let (x, y) = place(to);
-        match curve {
-            OutlineCurve::Line(..) => path.line_to(x, y),
-            OutlineCurve::Quad(_, c, _) => {
-                let (cx, cy) = place(c);
-                path.quad_to(cx, cy, x, y);
-            }
-            OutlineCurve::Cubic(_, c, d, _) => {
-                let ((cx, cy), (dx, dy)) = (place(c), place(d));
-                path.cubic_to(cx, cy, dx, dy, x, y);
-            }
-        }
-        last = Some(to);
-    }
-    if last.is_some() {
-        path.close();
-    }
+/// Whether these are the vertices of an area or of a line around one.
+fn enough(vertices: &Vec<Pixel>) -> bool {
+    vertices.len() > 1
 }

@@ -21,6 +21,12 @@ impl Colour {
         Self([self.0[0], self.0[1], self.0[2], opacity])
     }
 
+    /// As bytes, each clamped; what is not a number is 0.
+    pub fn bytes(self) -> [u8; 4] {
+        // A cast clamps and makes zero of what is not a number.
+        self.0.map(|c| (c * 255.0).round() as u8)
+    }
+
     /// Brighter or darker, opacity kept.
     pub fn lit(self, factor: f32) -> Self {
         let [r, g, b, a] = self.0;
@@ -35,8 +41,8 @@ pub(super) const INK: Colour = Colour::hex(0x1d2733);
 pub(super) const QUIET: Colour = Colour::hex(0x667281);
 pub(super) const TRUTH: Colour = Colour::hex(0x1d2733);
 pub(super) const UNKNOWN: Colour = Colour::hex(0xa4acb6);
-pub(super) const TRANSLATION: Colour = Colour::hex(0x2463a8);
-pub(super) const ROTATION: Colour = Colour::hex(0xd3702c);
+pub(super) const TRANSLATION: Colour = Colour::hex(0x0072b2);
+pub(super) const ROTATION: Colour = Colour::hex(0xd55e00);
 
 /// Along a scale of colours, 0 to 1; clamped.
 fn along(stops: &[Colour], share: f64) -> Colour {
@@ -46,14 +52,18 @@ fn along(stops: &[Colour], share: f64) -> Colour {
     stops[below].mixed(stops[(below + 1).min(last)], (at - below as f64) as f32)
 }
 
-/// The colour of a surface's uncertainty: blue where certain (0), red where not (1), grey where
-/// unknown (not a number).
+/// The colour of a surface's uncertainty: dark blue where certain (0), yellow where not (1), grey where
+/// unknown (not a number). Viridis without its darkest fifth, as in the viewer: even in lightness, and
+/// the same to the colour-blind.
 pub(super) fn uncertainty(share: f64) -> Colour {
-    const STOPS: [Colour; 4] = [
-        Colour::hex(0x2b6cb8),
-        Colour::hex(0x2aa698),
-        Colour::hex(0xf0b040),
-        Colour::hex(0xd23c2a),
+    const STOPS: [Colour; 7] = [
+        Colour::hex(0x404588),
+        Colour::hex(0x33638d),
+        Colour::hex(0x277f8e),
+        Colour::hex(0x1fa187),
+        Colour::hex(0x4ac16d),
+        Colour::hex(0xa0da39),
+        Colour::hex(0xfde725),
     ];
     if share.is_nan() { UNKNOWN } else { along(&STOPS, share) }
 }
@@ -65,17 +75,21 @@ pub(super) fn grasp(index: usize, count: usize) -> Colour {
     along(&STOPS, index as f64 / count.saturating_sub(1).max(1) as f64)
 }
 
-/// The colour of one curve among several; they repeat after eight.
+/// Curves that have a colour of their own.
+pub(super) const COLOURS: usize = 8;
+
+/// The colour of one curve among several, told apart by the colour-blind (after Okabe and Ito, 2008);
+/// they repeat after [`COLOURS`].
 pub(super) fn series(number: usize) -> Colour {
-    const SERIES: [Colour; 8] = [
-        Colour::hex(0xd3702c),
-        Colour::hex(0x8a6d3b),
-        Colour::hex(0x2463a8),
-        Colour::hex(0x2a9d6f),
-        Colour::hex(0xb44fc0),
-        Colour::hex(0x667281),
-        Colour::hex(0xc2a11c),
-        Colour::hex(0x3bb0c9),
+    const SERIES: [Colour; COLOURS] = [
+        Colour::hex(0x0072b2),
+        Colour::hex(0xd55e00),
+        Colour::hex(0x009e73),
+        Colour::hex(0xcc79a7),
+        Colour::hex(0xe69f00),
+        Colour::hex(0x56b4e9),
+        Colour::hex(0x4b3f8f),
+        Colour::hex(0x4d5966),
     ];
     SERIES[number % SERIES.len()]
 }
@@ -83,6 +97,18 @@ pub(super) fn series(number: usize) -> Colour {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_viewer_has_the_same_scale_of_uncertainty() {
+        let viewer = include_str!("../../assets/viewer/colour.js");
+        let stops: Vec<String> = (0..7)
+            .map(|i| {
+                let [r, g, b, _] = uncertainty(f64::from(i) / 6.0).bytes();
+                format!("\"#{r:02x}{g:02x}{b:02x}\"")
+            })
+            .collect();
+        assert!(viewer.contains(&stops.join(", ")), "{stops:?}");
+    }
 
     #[test]
     fn scales_are_clamped_and_know_nothing_of_nan() {

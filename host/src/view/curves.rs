@@ -4,7 +4,7 @@
 use super::canvas::{Anchor, Canvas, Frame, Pixel, Style};
 use super::chart::{label, ticks};
 use super::colour::{self, GRID, INK, PANEL, PAPER, QUIET};
-use super::summary::PictureError;
+use super::drawing::{Drawing, PictureError};
 
 /// A value with its quartiles at one place of the axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,7 +39,7 @@ pub enum Scale {
 
 impl Scale {
     /// Where a value lies along the axis, before it is fitted into the plot.
-    fn place(self, value: f64) -> f64 {
+    pub(super) fn place(self, value: f64) -> f64 {
         match self {
             Scale::Linear => value,
             Scale::Logarithmic if value > 0.0 => value.log10(),
@@ -48,7 +48,7 @@ impl Scale {
     }
 
     /// Round values between two places.
-    fn rungs(self, (from, to): (f64, f64)) -> Vec<f64> {
+    pub(super) fn rungs(self, (from, to): (f64, f64)) -> Vec<f64> {
         match self {
             Scale::Linear => ticks(from, to, 6),
             Scale::Logarithmic => rungs((from, to)),
@@ -75,16 +75,21 @@ pub struct Plot {
 const SIZE: (f32, f32) = (760.0, 520.0);
 
 /// Plots in one picture at most.
-const MOST: usize = 12;
+const MOST: usize = 48;
 
-/// Draws the plots side by side and returns the picture as PNG. Values that the scales
-/// cannot show are left out; so are plots beyond the twelfth.
+/// Draws the plots side by side and returns the picture. Values that the scales
+/// cannot show are left out; so are plots beyond the 48th.
 ///
 /// # Errors
 /// When the picture cannot be made, see [`PictureError`].
-pub fn render(plots: &[Plot]) -> Result<Vec<u8>, PictureError> {
+pub fn render(plots: &[Plot]) -> Result<Drawing, PictureError> {
     let plots = &plots[..plots.len().min(MOST)];
-    let columns = plots.len().clamp(1, 2);
+    let columns = match plots.len() {
+        0..=1 => 1,
+        2..=6 => 2,
+        7..=18 => 3,
+        _ => 4,
+    };
     let rows = plots.len().div_ceil(columns).max(1);
     let (width, height) = (columns as f32 * SIZE.0, rows as f32 * SIZE.1);
     let mut canvas = Canvas::new(width as u32, height as u32, PAPER)?;
@@ -93,7 +98,7 @@ pub fn render(plots: &[Plot]) -> Result<Vec<u8>, PictureError> {
         let frame = Frame { left, top, width: SIZE.0, height: SIZE.1 };
         draw(&mut canvas, &frame.inset(14.0, 14.0, 14.0, 14.0), plot);
     }
-    canvas.encode()
+    Ok(canvas.finish())
 }
 
 /// Both axes' ends, as places on their scales.
@@ -150,7 +155,19 @@ fn draw(canvas: &mut Canvas, frame: &Frame, plot: &Plot) {
     canvas.text([frame.left + 22.0, frame.top + 34.0], title, &plot.title);
     let quiet = Style::new(13.0, QUIET);
     canvas.text([frame.left + 22.0, frame.top + 58.0], quiet, &plot.up);
-    let within = frame.inset(62.0, 76.0, 190.0, 56.0);
+    // Names may need room; the plot leaves it.
+    let name = Style::new(14.0, INK);
+    let widths = plot.curves.iter().map(|c| canvas.text_width(name, &c.name));
+    let names = widths.fold(0.0, f32::max).clamp(110.0, 300.0);
+    let within = frame.inset(62.0, 76.0, names + 72.0, 56.0);
+    for (number, curve) in plot.curves.iter().enumerate() {
+        let (x, y) = (within.right() + 20.0, within.top + 14.0 + 26.0 * number as f32);
+        let tint = colour::series(number);
+        canvas.line(&[[x, y - 5.0], [x + 26.0, y - 5.0]], 3.0, tint);
+        dot(canvas, [x + 13.0, y - 5.0], number);
+        let fitted = canvas.fitted(name, &curve.name, names);
+        canvas.text([x + 36.0, y], name, &fitted);
+    }
     let Some(axes) = Axes::new(within, plot.scales, &plot.curves) else {
         canvas.text([within.left, within.top + 40.0], quiet, "nothing to show");
         return;
@@ -187,16 +204,22 @@ fn draw(canvas: &mut Canvas, frame: &Frame, plot: &Plot) {
         let mut band: Vec<Pixel> = marks.iter().map(|m| axes.pixel(m.x, m.high)).collect();
         band.extend(marks.iter().rev().map(|m| axes.pixel(m.x, m.low)));
         canvas.fill_area(&[band], tint.faded(0.14));
+        // A band of one place is none.
+        if let [only] = marks.as_slice() {
+            let ends = [only.low, only.high].map(|v| axes.pixel(only.x, v));
+            canvas.line(&ends, 2.0, tint.faded(0.5));
+        }
         let line: Vec<Pixel> = marks.iter().map(|m| axes.pixel(m.x, m.median)).collect();
         canvas.line(&line, 2.6, tint);
-        for p in &line {
-            canvas.fill_dot(*p, 4.0, tint);
-        }
-        let (x, y) = (within.right() + 20.0, within.top + 14.0 + 26.0 * number as f32);
-        canvas.line(&[[x, y - 5.0], [x + 26.0, y - 5.0]], 3.0, tint);
-        let style = Style::new(14.0, INK);
-        let name = canvas.fitted(style, &curve.name, 128.0);
-        canvas.text([x + 36.0, y], style, &name);
+        line.iter().for_each(|p| dot(canvas, *p, number));
+    }
+}
+
+/// A mark of a series; who has no colour of its own has dots of its own.
+pub(super) fn dot(canvas: &mut Canvas, at: Pixel, series: usize) {
+    canvas.fill_dot(at, 4.0, colour::series(series));
+    if series >= colour::COLOURS {
+        canvas.fill_dot(at, 2.2, PAPER);
     }
 }
 
@@ -247,7 +270,26 @@ mod tests {
                 .is_none()
         );
         let plots = [plot(vec![]), plot(vec![curve(odd)]), plot(vec![curve(vec![mark(1.0, 2.0)])])];
-        assert!(render(&plots).is_ok() && render(&[]).is_ok());
+        let drawing = render(&plots).unwrap();
+        assert!(drawing.png().is_ok() && drawing.svg().contains("nothing to show"));
+        assert_eq!(drawing.svg().matches(">a model</text>").count(), 2, "named all the same");
+        assert!(render(&[]).unwrap().png().is_ok());
+    }
+
+    #[test]
+    fn a_curve_without_marks_is_named_and_many_plots_have_room() {
+        let curve = |name: &str, marks| Curve { name: name.into(), marks };
+        let curves = vec![curve("seen", vec![mark(1.0, 2.0)]), curve("unseen", Vec::new())];
+        let plot = Plot {
+            title: "t".into(),
+            across: "x, m".into(),
+            up: "y, s".into(),
+            scales: [Scale::Linear; 2],
+            curves,
+        };
+        let drawing = render(&vec![plot; 60]).unwrap();
+        assert_eq!(drawing.svg().matches(">unseen</text>").count(), MOST);
+        assert_eq!(drawing.size(), (4 * 760, 12 * 520));
     }
 
     #[test]

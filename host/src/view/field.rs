@@ -3,7 +3,8 @@
 use super::canvas::{Anchor, Canvas, Frame, Style};
 use super::chart::{label, ticks};
 use super::colour::{self, INK, PAPER, QUIET};
-use super::summary::{PictureError, bar, scale_end};
+use super::drawing::{Drawing, PictureError};
+use super::summary::{bar, scale_end};
 
 /// A quantity at the nodes of a regular grid.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,11 +43,11 @@ const FOOT: f32 = 120.0;
 const MOST: usize = 6;
 const NODES: usize = 500;
 
-/// Draws the maps and returns the picture as PNG. Maps beyond the sixth are left out.
+/// Draws the maps and returns the picture. Maps beyond the sixth are left out.
 ///
 /// # Errors
 /// When the picture cannot be made, see [`PictureError`].
-pub fn render(fields: &Fields) -> Result<Vec<u8>, PictureError> {
+pub fn render(fields: &Fields) -> Result<Drawing, PictureError> {
     let maps = &fields.maps[..fields.maps.len().min(MOST)];
     let width = MARGIN.0 + maps.len().max(1) as f32 * (MAP.0 + MARGIN.1 + MARGIN.0 / 2.0);
     let mut canvas = Canvas::new(width as u32, (HEAD + MAP.1 + FOOT) as u32, PAPER)?;
@@ -62,9 +63,9 @@ pub fn render(fields: &Fields) -> Result<Vec<u8>, PictureError> {
     }
     let (left, top) = (MARGIN.0, HEAD + MAP.1 + 70.0);
     bar(&mut canvas, Frame { left, top, width: 260.0, height: 14.0 }, colour::uncertainty);
-    let text = format!("0 to {} mm, darkest red beyond", label(end * 1e3));
+    let text = format!("0 to {} mm, yellow also beyond", label(end * 1e3));
     canvas.text([left + 276.0, top + 13.0], Style::new(14.0, QUIET), &text);
-    canvas.encode()
+    Ok(canvas.finish())
 }
 
 fn draw(canvas: &mut Canvas, frame: &Frame, fields: &Fields, map: &Field, end: f64) {
@@ -75,20 +76,14 @@ fn draw(canvas: &mut Canvas, frame: &Frame, fields: &Fields, map: &Field, end: f
     canvas.text([frame.left, frame.top - 28.0], note, &fitted);
     let (across, down) = (&fields.across, &fields.down);
     let (columns, rows) = (across.3.clamp(1, NODES), down.3.clamp(1, NODES));
-    let (wide, high) = (frame.width / columns as f32, frame.height / rows as f32);
-    for row in 0..rows {
-        for column in 0..columns {
-            let value = map.values.get(row * columns + column).copied().unwrap_or(f64::NAN);
-            let cell = Frame {
-                left: frame.left + column as f32 * wide,
-                top: frame.top + row as f32 * high,
-                // Half a pixel over the next one, so that no seam shows.
-                width: wide + 0.5,
-                height: high + 0.5,
-            };
-            canvas.fill_frame(&cell, colour::uncertainty(value / end));
-        }
-    }
+    let (wide, high) = (frame.width as usize, frame.height as usize);
+    let shade = |pixel: usize| {
+        let (row, column) = (pixel / wide * rows / high, pixel % wide * columns / wide);
+        let value = map.values.get(row * columns + column).copied().unwrap_or(f64::NAN);
+        colour::uncertainty(value / end).0
+    };
+    let pixels: Vec<[f32; 4]> = (0..wide * high).map(shade).collect();
+    canvas.overlay(frame.left, frame.top, wide as u32, &pixels);
     // Nodes are in the middle of their cells.
     let place = |value: f64, axis: &(String, f64, f64, usize), count: usize| {
         let share = (value - axis.1) / (axis.2 - axis.1);
@@ -133,7 +128,7 @@ mod tests {
     fn colours_follow_the_values() {
         let one = render(&fields(1, vec![1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3])).unwrap();
         let other = render(&fields(1, vec![6e-3, 2e-3, 3e-3, 4e-3, 5e-3, 1e-3])).unwrap();
-        assert_ne!(one, other);
+        assert_ne!(one.png().unwrap(), other.png().unwrap());
         assert_eq!(one, render(&fields(1, vec![1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3])).unwrap());
     }
 
@@ -143,10 +138,10 @@ mod tests {
             assert!(render(&fields(2, values)).is_ok());
         }
         assert!(render(&fields(0, vec![])).is_ok());
-        assert!(render(&fields(40, vec![1e-3; 6])).is_ok());
+        assert!(render(&fields(40, vec![1e-3; 6])).unwrap().png().is_ok());
         let mut degenerate = fields(1, vec![1e-3]);
         degenerate.across = (String::new(), 1.0, 1.0, 0);
         degenerate.marks = vec![[f64::NAN, f64::INFINITY]];
-        assert!(render(&degenerate).is_ok());
+        assert!(render(&degenerate).unwrap().png().is_ok());
     }
 }

@@ -33,6 +33,7 @@ const SCRIPTS: [&str; 10] = [
 ///     meta: Meta::new(2, "three touches"),
 ///     grasps: (0..3).map(|grasp| Grasp { grasp, merged: 1, ..Grasp::default() }).collect(),
 ///     surfaces: vec![],
+///     choices: vec![],
 /// };
 /// let mut page = Vec::new();
 /// html::write(&scene, &mut page)?;

@@ -21,7 +21,7 @@ use tungstenite::{Error, Message, Utf8Bytes, WebSocket};
 use self::door::{Refused, Visitor};
 use self::history::{History, Next, Place};
 use super::html;
-use super::scene::{Grasp, Meta, Surface};
+use super::scene::{Choice, Grasp, Meta, Surface};
 
 /// Connections at most: beyond, a visitor is asked to come back.
 const MOST: usize = 32;
@@ -155,6 +155,11 @@ impl LiveView {
     /// The surface as it is known now.
     pub fn surface(&self, surface: &Surface) {
         self.shared.tell(|history| history.surface(surface));
+    }
+
+    /// What an exploration knows now, and among what it chose the next grasp.
+    pub fn choice(&self, choice: &Choice) {
+        self.shared.tell(|history| history.choice(choice));
     }
 
     /// Nothing more will come; who connects later still gets the scene.

@@ -29,6 +29,7 @@ use std::path::Path;
 
 use self::messages::{Cloud, Field, Message, Primitive, Stamp};
 use super::colour::{self, Colour, TRUTH};
+use super::growth::Grown;
 use super::report::Report;
 use super::summary::scale_end;
 use crate::log::write::write_atomically;
@@ -93,29 +94,31 @@ pub struct Contents<'a> {
     pub log: &'a GraspLog,
     /// What was made of each grasp, as far as anything was.
     pub steps: &'a [Option<Step>],
-    /// The shape in the estimated object frame and the standard deviation of each of its vertices.
-    pub shape: Option<(&'a Geometry, &'a [f64])>,
+    /// The shape as it grew, in the order of the grasps.
+    pub surfaces: &'a [Grown],
     /// The true shape.
     pub truth: Option<&'a Geometry>,
     /// Figures.
     pub report: Option<&'a Report>,
 }
 
-/// Writes a run to `path`, fully or not at all. The shape, known only at the end, is there from the
-/// first grasp on, so that one sees how each grasp fits it.
+/// Writes a run to `path`, fully or not at all. Each surface comes with the last grasp it was made of,
+/// and stays until the next.
 ///
 /// # Errors
 /// When the file cannot be written.
 pub fn write(path: &Path, contents: &Contents<'_>) -> io::Result<()> {
     write_atomically(path, |out| {
-        let Contents { title, log, steps, shape, truth, report } = *contents;
+        let Contents { title, log, steps, surfaces, truth, report } = *contents;
         let heading = Heading { title, fingers: &log.fingers, grasps: log.grasps.len() };
         let mut recording = Recording::new(out, &heading)?;
         for (number, grasp) in log.grasps.iter().enumerate() {
             recording.grasp(grasp, steps.get(number).and_then(Option::as_ref))?;
-            if number == 0 {
-                shape.map_or(Ok(()), |(shape, deviations)| recording.surface(shape, deviations))?;
-                truth.map_or(Ok(()), |truth| recording.true_surface(truth))?;
+            if let Some(truth) = truth.filter(|_| number == 0) {
+                recording.true_surface(truth)?;
+            }
+            for grown in surfaces.iter().filter(|s| s.grasp == number) {
+                recording.surface(&grown.geometry, &grown.deviations)?;
             }
         }
         report.map_or(Ok(()), |report| recording.report(report))?;

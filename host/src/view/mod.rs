@@ -1,9 +1,11 @@
 //! Pictures and reports: what a run is judged by, for people and for programs.
 
+pub mod bars;
 mod canvas;
 mod chart;
 mod colour;
 pub mod curves;
+pub mod drawing;
 pub mod field;
 pub mod growth;
 pub mod html;

@@ -179,7 +179,7 @@ fn paint(
         }
     }
     let (width, rows) = raster.picture();
-    canvas.overlay(frame.left.round() as i32, frame.top.round() as i32, width, &rows);
+    canvas.overlay(frame.left, frame.top, width, &rows);
     raster
 }
 

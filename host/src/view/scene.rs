@@ -1,7 +1,8 @@
 //! A run or a recording as a scene that plays: what a viewer is told, in the order it happened.
 //!
 //! A scene is a list of [`Message`]s, JSON objects told apart by their `type`: one `meta`, then a
-//! `grasp` for every grasp, after some of them the `surface` as it was known then, and an `end`. A page
+//! `grasp` for every grasp, after some of them the `surface` as it was known then and the `choice` of
+//! the next one among candidates, and an `end`. A page
 //! holds them all, one a line ([`super::html`]); a live view sends them one by one as they come about,
 //! and again from the start to a viewer that connects later. A `meta` clears what was shown before.
 //!
@@ -63,7 +64,7 @@ impl<T: Bytes> Serialize for Packed<T> {
 }
 
 /// RFC 4648, with padding.
-fn base64(bytes: &[u8]) -> String {
+pub(super) fn base64(bytes: &[u8]) -> String {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for three in bytes.chunks(3) {
@@ -87,6 +88,8 @@ pub enum Message<'a> {
     Grasp(&'a Grasp),
     /// The surface as it is known after a grasp.
     Surface(&'a Surface),
+    /// What an exploration knew after a grasp, and among what it chose the next one.
+    Choice(&'a Choice),
     /// Nothing more will come.
     End,
 }
@@ -298,6 +301,44 @@ pub struct Surface {
     pub mean_mm: Option<f64>,
 }
 
+impl Surface {
+    /// A shape in the estimated object frame, and the standard deviation at each of its vertices
+    /// (metres), not yet judged.
+    pub fn new(geometry: &Geometry, deviations: &[f64], after: u64) -> Self {
+        Surface {
+            after,
+            shape: Shape::new(geometry),
+            deviations: Packed(deviations.iter().map(|&d| d as f32).collect()),
+            ..Surface::default()
+        }
+    }
+}
+
+/// What an exploration knew after a grasp, and among what it chose the next one.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Choice {
+    /// The number of the grasp it comes after.
+    pub after: u64,
+    /// Share of the surface that counts as known.
+    pub known: f64,
+    /// Seven numbers for each candidate, estimated object frame: the middle of the hand, the unit
+    /// direction in which its four fingers close, and what it promises, not a number where nobody asked.
+    pub candidates: Packed<f32>,
+    /// Which of them; `None` where the exploration ended.
+    pub chosen: Option<usize>,
+}
+
+impl Choice {
+    /// Appends a candidate: its hand in the estimated object frame, whose fingers close against its y
+    /// axis, and what it promises.
+    pub fn offer(&mut self, hand: &Pose, gain: Option<f64>) {
+        let middle = hand.translation.vector;
+        let closing = hand.rotation * -Point::y();
+        let numbers = middle.iter().chain(closing.iter()).map(|v| *v as f32);
+        self.candidates.0.extend(numbers.chain([gain.map_or(f32::NAN, |g| g as f32)]));
+    }
+}
+
 /// A whole scene, for a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
@@ -307,20 +348,27 @@ pub struct Scene {
     pub grasps: Vec<Grasp>,
     /// In the order of the grasps they come after.
     pub surfaces: Vec<Surface>,
+    /// The same of an exploration's choices.
+    pub choices: Vec<Choice>,
 }
 
 impl Scene {
-    /// Everything a viewer is told, in order: each surface directly after its grasp.
+    /// Everything a viewer is told, in order: each surface directly after its grasp, then the choice.
     pub fn messages(&self) -> Vec<Message<'_>> {
         let mut messages = vec![Message::Meta(&self.meta)];
         let mut surfaces = self.surfaces.iter().peekable();
+        let mut choices = self.choices.iter().peekable();
         for grasp in &self.grasps {
             messages.push(Message::Grasp(grasp));
             while let Some(surface) = surfaces.next_if(|s| s.after <= grasp.grasp) {
                 messages.push(Message::Surface(surface));
             }
+            while let Some(choice) = choices.next_if(|c| c.after <= grasp.grasp) {
+                messages.push(Message::Choice(choice));
+            }
         }
         messages.extend(surfaces.map(Message::Surface));
+        messages.extend(choices.map(Message::Choice));
         messages.push(Message::End);
         messages
     }

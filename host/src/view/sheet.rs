@@ -3,7 +3,8 @@
 use super::canvas::{Anchor, Canvas, Frame, Style};
 use super::chart::label;
 use super::colour::{self, INK, PAPER, QUIET, TRUTH};
-use super::summary::{PictureError, Shown, Summary, bar, scale_end};
+use super::drawing::{Drawing, PictureError};
+use super::summary::{Shown, Summary, bar, scale_end};
 use super::{model, plane};
 use crate::shape::{Geometry, Mesh, Outline};
 use crate::space::Point;
@@ -51,11 +52,11 @@ const FOOT: f32 = 76.0;
 /// Panels on one sheet at most: 10 000 pixels each way.
 const MOST: usize = 400;
 
-/// Draws the sheet and returns it as PNG. Panels beyond 400 are left out.
+/// Draws the sheet and returns it. Panels beyond 400 are left out.
 ///
 /// # Errors
 /// When the picture cannot be made, see [`PictureError`].
-pub fn render(sheet: &Sheet) -> Result<Vec<u8>, PictureError> {
+pub fn render(sheet: &Sheet) -> Result<Drawing, PictureError> {
     let panels = &sheet.panels[..sheet.panels.len().min(MOST)];
     let columns = sheet.columns.clamp(1, 20);
     let rows = panels.len().div_ceil(columns);
@@ -79,7 +80,7 @@ pub fn render(sheet: &Sheet) -> Result<Vec<u8>, PictureError> {
         draw(&mut canvas, &frame, panel, end)?;
     }
     legend(&mut canvas, [1.5 * GAP, height - FOOT + 18.0], end);
-    canvas.encode()
+    Ok(canvas.finish())
 }
 
 /// What is uncertain by more than a tenth of an object is not known at all: the scale of colours
@@ -137,7 +138,7 @@ fn draw(canvas: &mut Canvas, frame: &Frame, panel: &Panel, end: f64) -> Result<(
         let at = [picture.left + picture.width / 2.0, picture.top + picture.height / 2.0];
         own.text(at, Style::new(17.0, QUIET).anchored(Anchor::Middle), "no surface");
     }
-    canvas.place(within.left.round() as i32, within.top.round() as i32, &own);
+    canvas.place([within.left, within.top], own);
     Ok(())
 }
 
@@ -175,22 +176,19 @@ mod tests {
         }
     }
 
-    fn size(png: &[u8]) -> (u32, u32) {
-        let at = |i: usize| u32::from_be_bytes([png[i], png[i + 1], png[i + 2], png[i + 3]]);
-        (at(16), at(20))
-    }
-
     #[test]
     fn sheets_grow_with_their_panels() {
         let planar = panel(outline(0.03), Some(outline(0.031)));
         let solid = Geometry::Mesh(cuboid([0.03, 0.02, 0.01]));
         let spatial = panel(solid.clone(), Some(solid));
         let sheet = |panels: Vec<Panel>| Sheet { title: "A figure".into(), columns: 3, panels };
-        let one = size(&render(&sheet(vec![planar.clone()])).unwrap());
+        let one = render(&sheet(vec![planar.clone()])).unwrap().size();
         let four = [planar.clone(), spatial, panel(outline(0.03), None), planar];
-        let two = size(&render(&sheet(four.into())).unwrap());
+        let two = render(&sheet(four.into())).unwrap();
+        assert_eq!(crate::view::drawing::elements(&two.svg()).unwrap()[0].name, "svg");
+        let two = two.size();
         assert_eq!(one.0, two.0);
         assert_eq!(two.1 - one.1, (PANEL.1 + GAP) as u32);
-        assert!(render(&sheet(Vec::new())).is_ok());
+        assert!(render(&sheet(Vec::new())).unwrap().png().is_ok());
     }
 }

@@ -1,35 +1,15 @@
-//! `summary.png`: a run at a glance.
-
-use thiserror::Error;
+//! `summary.png` and `summary.svg`: a run at a glance.
 
 use super::canvas::{Anchor, Canvas, Frame, Style};
 use super::chart::{self, label, round_step};
 use super::colour::{self, INK, PANEL, PAPER, QUIET, TRUTH, UNKNOWN};
+use super::drawing::{Drawing, PictureError};
 use super::{model, plane};
 use crate::shape::Geometry;
 use crate::space::Point;
 
 /// Width and height of the picture in pixels.
 pub const SIZE: (u32, u32) = (1600, 900);
-
-/// Why a picture could not be made.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum PictureError {
-    /// The canvas could not be allocated.
-    #[error("no memory for a picture of {width} × {height} pixels")]
-    Size {
-        /// Pixels.
-        width: u32,
-        /// Pixels.
-        height: u32,
-    },
-    /// The bundled typeface is damaged.
-    #[error("the bundled typeface cannot be read")]
-    Font,
-    /// The PNG encoder failed.
-    #[error("the picture cannot be encoded: {0}")]
-    Encode(String),
-}
 
 /// What the picture shows, all in one frame (the true object frame if there is a truth), SI units.
 #[derive(Clone, Debug)]
@@ -75,8 +55,8 @@ pub(super) struct Shown {
 
 impl Shown {
     pub fn new(summary: &Summary) -> Self {
-        let mut shapes = vertices(&summary.estimate);
-        shapes.extend(summary.truth.iter().flat_map(vertices));
+        let mut shapes = summary.estimate.vertices();
+        shapes.extend(summary.truth.iter().flat_map(Geometry::vertices));
         let points: Vec<Point> = summary.contacts.iter().map(|c| c.0).collect();
         let (least, greatest) = match corners(&shapes).or_else(|| corners(&points)) {
             Some(bounds) => bounds,
@@ -121,9 +101,12 @@ impl Shown {
     }
 }
 
-/// Draws the summary and returns it as PNG of [`SIZE`]. Empty shapes, missing or undefined
-/// deviations and absurd coordinates are drawn as far as they make sense, never an error.
-pub fn render(summary: &Summary) -> Result<Vec<u8>, PictureError> {
+/// Draws the summary, a picture of [`SIZE`]. Empty shapes, missing or undefined deviations and absurd
+/// coordinates are drawn as far as they make sense, never an error.
+///
+/// # Errors
+/// When the bundled typeface cannot be read.
+pub fn render(summary: &Summary) -> Result<Drawing, PictureError> {
     let (width, height) = SIZE;
     let mut canvas = Canvas::new(width, height, PAPER)?;
     let shown = Shown::new(summary);
@@ -162,7 +145,7 @@ pub fn render(summary: &Summary) -> Result<Vec<u8>, PictureError> {
         Some(errors) if !errors.is_empty() => chart::pose_errors(&mut canvas, &below, errors),
         _ => chart::uncertainty(&mut canvas, &below, &shown.deviations, shown.scale_end),
     }
-    canvas.encode()
+    Ok(canvas.finish())
 }
 
 /// Name above value, side by side.
@@ -248,11 +231,10 @@ fn legend(canvas: &mut Canvas, frame: &Frame, summary: &Summary, shown: &Shown) 
 }
 
 pub(super) fn bar(canvas: &mut Canvas, frame: Frame, tint: impl Fn(f64) -> colour::Colour) {
-    let columns = frame.width as usize;
-    for i in 0..columns {
-        let column = Frame { left: frame.left + i as f32, width: 1.0, ..frame };
-        canvas.fill_frame(&column, tint((i as f64 + 0.5) / columns as f64));
-    }
+    let (columns, rows) = (frame.width as usize, frame.height as usize);
+    let row: Vec<[f32; 4]> =
+        (0..columns).map(|i| tint((i as f64 + 0.5) / columns as f64).0).collect();
+    canvas.overlay(frame.left, frame.top, columns as u32, &row.repeat(rows));
 }
 
 /// A round end for the colour scale: 95 % of the surface lies below it.
@@ -262,15 +244,6 @@ pub(super) fn scale_end(deviations: &[f64]) -> f64 {
     let wanted = known.get(known.len() * 95 / 100).copied().unwrap_or(0.0) * 1e3;
     let step = if wanted > 1e-3 { round_step(wanted / 2.0) } else { 0.5 };
     2.0 * step / 1e3
-}
-
-fn vertices(shape: &Geometry) -> Vec<Point> {
-    match shape {
-        Geometry::Outline(o) => {
-            o.loops.iter().flatten().map(|v| Point::new(v[0], v[1], 0.0)).collect()
-        }
-        Geometry::Mesh(m) => m.vertices().to_vec(),
-    }
 }
 
 /// Of the finite points among `points`; `None` if there are none.

@@ -3,6 +3,7 @@ use std::f64::consts::TAU;
 use super::*;
 use crate::shape::mesh::tests::cuboid;
 use crate::shape::{Field, Mesh, Outline, contour, surface};
+use crate::view::drawing::elements;
 
 /// A rounded box, bulged a little where nobody has touched it.
 struct Blob {
@@ -108,8 +109,11 @@ fn spatial() -> Summary {
 
 /// The decoded picture; checks its size and that something is in it.
 fn decoded(summary: &Summary) -> tiny_skia::Pixmap {
-    let png = render(summary).unwrap();
-    let picture = tiny_skia::Pixmap::decode_png(&png).unwrap();
+    let drawing = render(summary).unwrap();
+    let svg = drawing.svg();
+    elements(&svg).unwrap();
+    assert!(!svg.contains("NaN") && !svg.contains("inf\""));
+    let picture = tiny_skia::Pixmap::decode_png(&drawing.png().unwrap()).unwrap();
     assert_eq!((picture.width(), picture.height()), SIZE);
     let first = picture.pixels()[0];
     assert!(picture.pixels().iter().filter(|p| **p != first).count() > 10_000);
@@ -129,7 +133,9 @@ fn count_near(picture: &tiny_skia::Pixmap, colour: colour::Colour) -> usize {
 fn keep(name: &str, summary: &Summary) {
     if let Some(folder) = std::env::var_os("TACTILE_PICTURES") {
         let path = std::path::Path::new(&folder).join(name);
-        std::fs::write(path, render(summary).unwrap()).unwrap();
+        let drawing = render(summary).unwrap();
+        std::fs::write(path.with_extension("svg"), drawing.svg()).unwrap();
+        std::fs::write(path, drawing.png().unwrap()).unwrap();
     }
 }
 

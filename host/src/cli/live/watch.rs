@@ -1,13 +1,12 @@
 //! A session as a browser shows it while it runs.
 
-use std::str::FromStr;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Instant;
 
 use crate::cli::Error;
 use crate::cli::slam::Input;
-use crate::cli::terminal::note;
+use crate::cli::view_address::{self, Address};
 use crate::log::GraspLog;
 use crate::slam::choose::Choice;
 use crate::slam::output::Outcome;
@@ -15,32 +14,10 @@ use crate::slam::reconstruct::{Reconstruction, reconstruct};
 use crate::slam::track::Step;
 use crate::view::growth::{shown, viewed};
 use crate::view::live::LiveView;
-use crate::view::scene::{Grasp, Meta, Packed, Shape, Surface};
+use crate::view::scene::{Grasp, Meta, Shape, Surface};
 
 /// Contacts that a surface on the way is fitted to at most, in the plane and in space.
 const CONTACTS: [usize; 2] = [300, 200];
-
-/// Where a view is served: a name or address of this machine and a port.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Address {
-    /// Only this machine sees the view at `127.0.0.1`.
-    pub host: String,
-    /// 0 takes any free one.
-    pub port: u16,
-}
-
-impl FromStr for Address {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let (host, port) = text.rsplit_once(':').unwrap_or(("127.0.0.1", text));
-        let bare = host.strip_prefix('[').and_then(|h| h.strip_suffix(']')).unwrap_or(host);
-        match port.parse() {
-            Ok(port) if !bare.is_empty() => Ok(Address { host: bare.to_owned(), port }),
-            _ => Err(format!("expected a port or HOST:PORT, found `{text}`")),
-        }
-    }
-}
 
 /// A view of a log that is being fed to a board.
 pub(super) struct Watch<'a> {
@@ -64,9 +41,7 @@ impl<'a> Watch<'a> {
     /// # Errors
     /// When the address is not one of this machine, or taken.
     pub fn open(at: &Address, input: &'a Input, tracker: &str) -> Result<Self, Error> {
-        let Address { host, port } = at;
-        let view = LiveView::open(host, *port)
-            .map_err(|e| Error::Input(format!("--view {host}:{port}: {e}")))?;
+        let view = at.open()?;
         view.begin(&Meta {
             tracker: Some(tracker.to_owned()),
             fingers: input.log.fingers.clone(),
@@ -74,7 +49,6 @@ impl<'a> Watch<'a> {
             truth: input.truth.as_ref().map(|t| Shape::new(&shown(t))),
             ..Meta::new(input.log.dimension, input.title())
         });
-        note(format_args!("live view at {}", view.url()));
         Ok(Watch {
             view,
             log: &input.log,
@@ -142,10 +116,7 @@ impl<'a> Watch<'a> {
 
     /// Keeps the view open until somebody ends the program.
     pub fn stay(&self) -> ! {
-        note(format_args!("the live view stays at {} until Ctrl-C", self.view.url()));
-        loop {
-            thread::park();
-        }
+        view_address::stay(&self.view)
     }
 }
 
@@ -186,27 +157,5 @@ fn sketch(log: &GraspLog, steps: &[Step]) -> Option<Reconstruction> {
 
 fn surface(reconstruction: &Reconstruction, after: u64) -> Surface {
     let (geometry, deviations) = viewed(reconstruction);
-    Surface {
-        after,
-        shape: Shape::new(&geometry),
-        deviations: Packed(deviations.iter().map(|&d| d as f32).collect()),
-        ..Surface::default()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn addresses_are_on_this_machine_unless_they_say_otherwise() {
-        let at = |host: &str, port| Ok(Address { host: host.into(), port });
-        assert_eq!("7332".parse(), at("127.0.0.1", 7332));
-        assert_eq!("0.0.0.0:80".parse(), at("0.0.0.0", 80));
-        assert_eq!("[::1]:0".parse(), at("::1", 0));
-        assert_eq!("lab.local:7332".parse(), at("lab.local", 7332));
-        for bad in ["", ":7332", "x", "host:", "host:70000", "7332:", "[]:1"] {
-            assert!(bad.parse::<Address>().unwrap_err().contains("expected a port"), "{bad}");
-        }
-    }
+    Surface::new(&geometry, &deviations, after)
 }

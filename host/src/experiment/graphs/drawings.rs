@@ -74,7 +74,7 @@ pub(super) fn graph(title: &str, objects: &[&str], drawn: &mut Drawn) -> Result<
             links: links.collect(),
         });
     }
-    drawn.picture.png = sheet::render(&Sheet { title: title.into(), columns: 3, panels })?;
+    drawn.picture = sheet::render(&Sheet { title: title.into(), columns: 3, panels })?;
     Ok(())
 }
 
@@ -147,7 +147,7 @@ pub(super) fn faces(
             show(right)
         ));
     }
-    drawn.picture.png = sheet::render(&Sheet { title: title.into(), columns: 3, panels })?;
+    drawn.picture = sheet::render(&Sheet { title: title.into(), columns: 3, panels })?;
     Ok(())
 }
 
@@ -235,7 +235,7 @@ pub(super) fn alignment(
             show(after)
         ));
     }
-    drawn.picture.png = sheet::render(&Sheet { title: title.into(), columns: 2, panels })?;
+    drawn.picture = sheet::render(&Sheet { title: title.into(), columns: 2, panels })?;
     Ok(())
 }
 

@@ -2,18 +2,17 @@
 
 use super::electrodes::{ALONG, AROUND, Place};
 use super::{electrodes, wrench};
-use crate::experiment::Picture;
 use crate::sim::sensors::{FluidFinger, Skin};
 use crate::view::curves::{self, Curve, Mark, Plot, Scale};
+use crate::view::drawing::{Drawing, PictureError};
 use crate::view::field::{self, Field, Fields};
-use crate::view::summary::PictureError;
 
 impl wrench::Table {
     /// Error of point and normal against force.
     ///
     /// # Errors
     /// When the picture cannot be made.
-    pub fn picture(&self) -> Result<Picture, PictureError> {
+    pub fn picture(&self) -> Result<Drawing, PictureError> {
         let plot = |title: &str, up: &str, value: fn(&wrench::Row) -> f64| {
             let mut curves: Vec<Curve> = Vec::new();
             for row in &self.rows {
@@ -38,7 +37,7 @@ impl wrench::Table {
             plot("Contact point from a Nano17", "root mean square error, mm", |r| r.point_mm),
             plot("Its normal", "root mean square error, °", |r| r.normal_deg),
         ];
-        Ok(Picture { name: "sensing-wrench.png".into(), png: curves::render(&plots)? })
+        curves::render(&plots)
     }
 }
 
@@ -47,7 +46,7 @@ impl electrodes::Table {
     ///
     /// # Errors
     /// When the picture cannot be made.
-    pub fn picture(&self) -> Result<Picture, PictureError> {
+    pub fn picture(&self) -> Result<Drawing, PictureError> {
         let row = self.rows.iter().find(|r| r.newtons == electrodes::MAPPED);
         let map = |title: &str, all: Option<f64>, value: fn(&Place) -> f64| Field {
             title: title.into(),
@@ -74,6 +73,6 @@ impl electrodes::Table {
                 map("Corrected", row.map(|r| r.point_mm), |p| p.point_mm),
             ],
         };
-        Ok(Picture { name: "sensing-electrodes.png".into(), png: field::render(&fields)? })
+        field::render(&fields)
     }
 }

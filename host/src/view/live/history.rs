@@ -3,13 +3,13 @@
 //! There are no queues. A viewer has a place in what came last; one that falls behind that is told the
 //! scene from the start again, long scenes thinned ([`Timeline`]). So no viewer costs memory by being
 //! slow, none holds up who tells, and every contact reaches everyone in one of the two ways. Of
-//! surfaces a viewer gets the newest, when it has no grasps left to read.
+//! surfaces and of choices a viewer gets the newest, when it has no grasps left to read.
 
 use std::collections::VecDeque;
 
 use tungstenite::Utf8Bytes;
 
-use crate::view::scene::{Grasp, Message, Meta, Surface};
+use crate::view::scene::{Choice, Grasp, Message, Meta, Surface};
 use crate::view::timeline::Timeline;
 
 /// Grasps that are kept as they came.
@@ -18,8 +18,9 @@ const RECENT: usize = 512;
 /// Grasps that a viewer takes at once.
 const BATCH: usize = 64;
 
-/// Surfaces on the way that are kept for who comes later.
+/// Surfaces on the way that are kept for who comes later, and choices.
 const SURFACES: usize = 16;
+const CHOICES: usize = 128;
 
 /// What was told.
 #[derive(Default)]
@@ -34,6 +35,9 @@ pub(super) struct History {
     /// Surfaces, and the number of those told.
     surfaces: Vec<Utf8Bytes>,
     shaped: u64,
+    /// The same of choices.
+    choices: Vec<Utf8Bytes>,
+    chosen: u64,
     ended: bool,
 }
 
@@ -43,6 +47,7 @@ pub(super) struct Place {
     scene: u64,
     grasps: u64,
     shaped: u64,
+    chosen: u64,
     ended: bool,
 }
 
@@ -61,6 +66,7 @@ pub(super) struct Scene {
     meta: Utf8Bytes,
     timeline: Timeline,
     surfaces: Vec<Utf8Bytes>,
+    choices: Vec<Utf8Bytes>,
     end: Option<Utf8Bytes>,
 }
 
@@ -69,13 +75,26 @@ impl Scene {
     pub fn into_lines(self) -> impl Iterator<Item = Utf8Bytes> {
         let grasps = self.timeline.into_grasps().into_iter();
         let grasps = grasps.filter_map(|grasp| line(&Message::Grasp(&grasp)));
-        [self.meta].into_iter().chain(grasps).chain(self.surfaces).chain(self.end)
+        let after = self.surfaces.into_iter().chain(self.choices).chain(self.end);
+        [self.meta].into_iter().chain(grasps).chain(after)
     }
 }
 
 /// A message as it travels; none that the serialiser refuses.
 fn line(message: &Message<'_>) -> Option<Utf8Bytes> {
     message.to_json().ok().map(Utf8Bytes::from)
+}
+
+/// Appends; where there are `most`, every other one of those before stays.
+fn keep(lines: &mut Vec<Utf8Bytes>, line: Utf8Bytes, most: usize) {
+    if lines.len() >= most {
+        let mut stays = false;
+        lines.retain(|_| {
+            stays = !stays;
+            stays
+        });
+    }
+    lines.push(line);
 }
 
 impl History {
@@ -102,16 +121,15 @@ impl History {
     /// The surface as it is known now.
     pub fn surface(&mut self, surface: &Surface) {
         let Some(line) = line(&Message::Surface(surface)) else { return };
-        if self.surfaces.len() == SURFACES {
-            // Every other one of those before stays.
-            let mut stays = false;
-            self.surfaces.retain(|_| {
-                stays = !stays;
-                stays
-            });
-        }
-        self.surfaces.push(line);
+        keep(&mut self.surfaces, line, SURFACES);
         self.shaped += 1;
+    }
+
+    /// What is known now, and among what the next grasp was chosen.
+    pub fn choice(&mut self, choice: &Choice) {
+        let Some(line) = line(&Message::Choice(choice)) else { return };
+        keep(&mut self.choices, line, CHOICES);
+        self.chosen += 1;
     }
 
     /// Nothing more will come.
@@ -128,12 +146,13 @@ impl History {
                 scene: self.scene,
                 grasps: self.grasps,
                 shaped: self.shaped,
+                chosen: self.chosen,
                 ended: self.ended,
             };
             let end = self.ended.then(|| line(&Message::End)).flatten();
             let (meta, timeline) = (meta.clone(), self.timeline.clone());
-            let surfaces = self.surfaces.clone();
-            return Next::All(Box::new(Scene { meta, timeline, surfaces, end }));
+            let (surfaces, choices) = (self.surfaces.clone(), self.choices.clone());
+            return Next::All(Box::new(Scene { meta, timeline, surfaces, choices, end }));
         }
         if behind > 0 {
             let known = self.recent.len() - behind as usize;
@@ -145,6 +164,10 @@ impl History {
         if place.shaped != self.shaped {
             place.shaped = self.shaped;
             lines.extend(self.surfaces.last().cloned());
+        }
+        if place.chosen != self.chosen {
+            place.chosen = self.chosen;
+            lines.extend(self.choices.last().cloned());
         }
         if self.ended && !place.ended {
             place.ended = true;
@@ -206,8 +229,9 @@ mod tests {
         history.grasp(grasp(0));
         history.grasp(grasp(1));
         history.surface(&Surface { after: 1, ..Surface::default() });
+        history.choice(&Choice { after: 1, ..Choice::default() });
         let (lines, starts) = told(&history, &mut place);
-        assert_eq!((types(&lines).as_str(), starts), ("ggs", 0));
+        assert_eq!((types(&lines).as_str(), starts), ("ggsc", 0));
         history.end();
         assert_eq!(types(&told(&history, &mut place).0), "e");
         assert_eq!(told(&history, &mut place), (vec![], 0));
@@ -218,13 +242,14 @@ mod tests {
         let mut history = begun();
         (0..3).for_each(|k| history.grasp(grasp(k)));
         history.surface(&Surface { after: 2, ..Surface::default() });
+        (0..3).for_each(|after| history.choice(&Choice { after, ..Choice::default() }));
         let mut place = Place::default();
         let (lines, starts) = told(&history, &mut place);
-        assert_eq!((types(&lines).as_str(), starts), ("mgggs", 1));
+        assert_eq!((types(&lines).as_str(), starts), ("mgggsccc", 1));
         history.grasp(grasp(3));
         assert_eq!(types(&told(&history, &mut place).0), "g");
         history.end();
-        assert_eq!(types(&told(&history, &mut Place::default()).0), "mggggse");
+        assert_eq!(types(&told(&history, &mut Place::default()).0), "mggggsccce");
     }
 
     #[test]

@@ -193,11 +193,13 @@ fn square() -> Geometry {
 fn whole_run() -> Vec<u8> {
     let (log, steps) = run();
     let shape = square();
+    let deviations = vec![1e-3, 1e-3, 2e-3, f64::NAN];
+    let grown = |grasp| Grown { grasp, geometry: square(), deviations: deviations.clone() };
     file(&Contents {
         title: "a run",
         log: &log,
         steps: &steps,
-        shape: Some((&shape, &[1e-3, 1e-3, 2e-3, f64::NAN])),
+        surfaces: &[grown(0), grown(1)],
         truth: Some(&shape),
         report: None,
     })
@@ -315,6 +317,8 @@ fn an_outline_is_lines_with_a_colour_at_each_end() {
     assert_eq!((*time, kind.as_str()), (0.5, "visualization_msgs/msg/MarkerArray"));
     let (header, kind, points, colours) = marker(data);
     assert_eq!((header, kind), ("object", 5));
+    assert_eq!(topics["/surface"].len(), 2, "it comes again as it grows");
+    assert!(topics["/surface"][1].0 > *time);
     assert_eq!(points.len(), 8, "four sides of two ends");
     assert_eq!(points[7], points[0], "it closes");
     assert_eq!(colours[0], colours[2], "as certain");
@@ -370,8 +374,8 @@ fn a_log_without_estimates_shows_its_contacts_and_its_truth() {
     let (mut log, _) = run();
     log.grasps[1].truth = None;
     log.grasps[1].contacts.clear();
-    let shape = None;
-    let none = Contents { title: "", log: &log, steps: &[], shape, truth: None, report: None };
+    let none =
+        Contents { title: "", log: &log, steps: &[], surfaces: &[], truth: None, report: None };
     let topics = topics(&file(&none));
     assert_eq!(topics["/contacts"].len(), 2);
     assert!(cloud(&topics["/contacts"][1].2).1.is_empty());
