@@ -1,6 +1,7 @@
 //! `tactile explore`: a simulated hand decides where to touch.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use serde_json::{Map, Value, json};
@@ -11,7 +12,8 @@ use crate::explore::{self, Candidates, Criterion, Episode, Until};
 use crate::graph;
 use crate::quantity::{self, Deviation};
 use crate::shape::Geometry;
-use crate::sim::{Bench, ObjectError, ObjectSpec, Options};
+use crate::sim::hand::Articulated;
+use crate::sim::{Bench, Hand, ObjectError, ObjectSpec, Options};
 use crate::slam::choose::Choice;
 use crate::slam::output::{Outcome, Provenance, check_folder, conclude};
 use crate::slam::trackers::Kind;
@@ -27,6 +29,17 @@ pub struct ExploreArgs {
     /// What is explored, as in simulate
     #[arg(long, value_parser = object)]
     object: ObjectSpec,
+    /// What touches: idealised (fingertips on straight ways), five-finger (an articulated hand in the
+    /// proportions of the Shadow hand), or FILE.urdf, your own; articulated hands begin by probing from
+    /// every side, and touch solids only
+    #[arg(long, value_name = "HAND", default_value = "idealised", value_parser = hand_name)]
+    hand: HandName,
+    /// The links of a FILE.urdf that are fingertips [default: the last ones with collision geometry]
+    #[arg(long, value_name = "LINK", value_delimiter = ',')]
+    tips: Vec<String>,
+    /// The object stands on a table, where the hand must not meet it
+    #[arg(long)]
+    table: bool,
     /// What a touch is worth
     #[arg(long, value_enum, default_value_t = Criterion::Information)]
     criterion: Criterion,
@@ -83,6 +96,38 @@ enum Kinds {
     Continuous,
 }
 
+/// A hand as the command line names it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum HandName {
+    Idealised,
+    FiveFinger,
+    File(PathBuf),
+}
+
+fn hand_name(text: &str) -> Result<HandName, String> {
+    match text {
+        "idealised" => Ok(HandName::Idealised),
+        "five-finger" => Ok(HandName::FiveFinger),
+        _ if Path::new(text).extension().is_some_and(|e| e.eq_ignore_ascii_case("urdf")) => {
+            Ok(HandName::File(text.into()))
+        }
+        _ => Err("expected idealised, five-finger or a file ending in .urdf".into()),
+    }
+}
+
+/// The hand that the arguments mean.
+fn hand(name: &HandName, tips: &[String]) -> Result<Hand, Error> {
+    let articulated = match name {
+        HandName::Idealised | HandName::FiveFinger if !tips.is_empty() => {
+            return Err(Error::input("--tips: only a hand from a FILE.urdf takes it"));
+        }
+        HandName::Idealised => return Ok(Hand::Idealised),
+        HandName::FiveFinger => Articulated::five_finger(),
+        HandName::File(file) => Articulated::read(file, tips),
+    };
+    Ok(Hand::Articulated(Arc::new(articulated.map_err(Error::input)?)))
+}
+
 fn object(text: &str) -> Result<ObjectSpec, String> {
     text.parse().map_err(|e: ObjectError| e.to_string())
 }
@@ -98,13 +143,14 @@ fn until(text: &str) -> Result<Until, String> {
 pub fn run(args: &ExploreArgs) -> Result<(), Error> {
     check_folder(&args.out).map_err(Error::input)?;
     let still = Deviation { length: 0.0, angle: 0.0 };
-    let mut bench = Bench::new(Options {
+    let options = Options {
         contact_noise: args.contact_noise,
         motion_noise: if args.moving { args.motion_noise } else { still },
         seed: args.seed,
         ..Options::new(args.object.clone())
-    })
-    .map_err(Error::input)?;
+    };
+    let hand = hand(&args.hand, &args.tips)?;
+    let mut bench = Bench::with_hand(options, hand, args.table).map_err(Error::input)?;
     let settings = explore::Settings {
         criterion: args.criterion,
         candidates: match args.candidates {
@@ -122,8 +168,9 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         number += 1;
         if !args.json {
             let gain = action.gain.map_or(String::new(), |g| format!(", promised {g:.2}"));
+            let refused = action.refused.as_ref().map_or(String::new(), |why| format!(" ({why})"));
             note(format_args!(
-                "action {number}: {} contacts, {:.0} % known{gain}",
+                "action {number}: {} contacts{refused}, {:.0} % known{gain}",
                 action.contacts,
                 100.0 * action.known
             ));
@@ -148,6 +195,9 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
             name(args.criterion),
             args.until
         ));
+        if episode.stuck {
+            tell("no feasible grasp was left: this is what could be felt");
+        }
         tell_report(&outcome.report);
         tell(format!("results in {}", args.out.display()));
     }
@@ -181,6 +231,7 @@ fn result(settings: &explore::Settings, episode: &Episode, mut report: Value) ->
         .map(|a| {
             json!({
                 "contacts": a.contacts,
+                "refused": a.refused.as_ref().map(ToString::to_string),
                 "gain": a.gain,
                 "known": a.known,
                 "choosing_seconds": a.choosing,
@@ -190,6 +241,7 @@ fn result(settings: &explore::Settings, episode: &Episode, mut report: Value) ->
     let mut result = Map::new();
     result.insert("actions".into(), episode.actions.len().into());
     result.insert("reached".into(), episode.reached.into());
+    result.insert("stuck".into(), episode.stuck.into());
     for field in ["surface", "pose", "contacts", "contact_rms_mm"] {
         result.insert(field.into(), report[field].take());
     }

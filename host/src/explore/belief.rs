@@ -5,6 +5,7 @@ use nalgebra::{Matrix6, Point3, Vector6};
 use crate::log::{GraspLog, LoggedGrasp};
 use crate::reference::{Contact, Gpis};
 use crate::shape::Geometry;
+use crate::sim::Hand;
 use crate::slam::fit::fit;
 use crate::slam::reconstruct::{self, extract, free, place};
 use crate::slam::track::Step;
@@ -35,6 +36,8 @@ pub struct Belief {
     pub covariance: Matrix6<f64>,
     /// Standard deviations of a contact: metres and radians.
     pub noise: (f64, f64),
+    /// What touches: the idealised hand until told otherwise.
+    pub hand: Hand,
 }
 
 impl Belief {
@@ -66,6 +69,7 @@ impl Belief {
             modes,
             covariance: last.covariance + motion(log),
             noise: usual_deviations(&log.noise),
+            hand: Hand::Idealised,
         })
     }
 }

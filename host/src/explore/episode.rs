@@ -4,15 +4,17 @@ use std::time::Instant;
 
 use nalgebra::{Point3, Translation3};
 
+use super::approach;
 use super::belief::{Belief, beside_each_other};
-use super::coverage::Until;
+use super::coverage::{SAMPLES, Until};
 use super::criterion::{About, Criterion, best, pose_deviation};
 use super::placement::{Placement, drawn, fixed};
 use super::prediction::predict;
 use crate::graph;
 use crate::shape::align::align;
-use crate::sim::Bench;
+use crate::sim::hand::Unreachable;
 use crate::sim::random::Random;
+use crate::sim::{Bench, Hand};
 use crate::slam::reconstruct;
 use crate::slam::track::Step;
 use crate::slam::trackers::Kind;
@@ -69,6 +71,8 @@ pub struct Action {
     pub choosing: f64,
     /// Contacts felt.
     pub contacts: usize,
+    /// Why the hand could not get there, where it could not; the object was not touched then.
+    pub refused: Option<Unreachable>,
     /// Share of the surface that counts as known after it.
     pub known: f64,
 }
@@ -80,6 +84,8 @@ pub struct Episode {
     pub actions: Vec<Action>,
     /// Whether enough is known, and not merely the actions used up.
     pub reached: bool,
+    /// Whether it ended because no feasible grasp was left.
+    pub stuck: bool,
     /// The poses in the end.
     pub steps: Vec<Step>,
     /// Error of the last pose, metres at the object's centroid and radians: how far the believed
@@ -93,6 +99,9 @@ pub enum Error {
     /// The hand never met the object.
     #[error("the hand closed on nothing {FIRST_TRIES} times; is the object too small?")]
     Missed,
+    /// Probing found nothing to explore.
+    #[error("probing from every side: {0}; is the object out of the hand's reach?")]
+    NotFound(#[from] Unreachable),
     /// What was felt makes no surface.
     #[error(transparent)]
     Surface(#[from] reconstruct::Error),
@@ -108,31 +117,38 @@ pub fn explore(
     mut watch: impl FnMut(&Action),
 ) -> Result<Episode, Error> {
     let [mut random] = Random::streams(settings.seed ^ 0x5eed_ca5e);
-    let dimension = bench.log().dimension;
     let mut actions: Vec<Action> = Vec::new();
     let (placement, contacts) = first(bench, settings, &mut random)?;
-    let mut next = Action { placement, gain: None, choosing: 0.0, contacts, known: 0.0 };
+    let mut next =
+        Action { placement, gain: None, choosing: 0.0, contacts, refused: None, known: 0.0 };
     loop {
         let steps = follow(bench, settings);
-        let belief = match settings.tracker {
+        let mut belief = match settings.tracker {
             None => Belief::new(bench.log(), &steps)?,
             Some(_) => Belief::new(bench.log(), &beside_each_other(bench.log(), &steps))?,
         };
+        belief.hand = bench.hand().clone();
         let truth = true_frame(bench, settings, &belief, &steps);
-        let (known, enough) = settings.until.known(&belief, bench.geometry(), &truth);
+        let (known, enough) = settings.until.known_of(&belief, &bench.reachable(SAMPLES), &truth);
         next.known = known;
         watch(&next);
         actions.push(next);
         let finish = |actions, steps: Vec<Step>, reached| {
             let pose_error = pose_error(bench, &steps, &truth);
-            Episode { actions, reached, steps, pose_error }
+            Episode { actions, reached, stuck: false, steps, pose_error }
         };
         if known >= enough || actions.len() >= settings.most_actions {
             return Ok(finish(actions, steps, known >= enough));
         }
 
         let start = Instant::now();
-        let candidates = candidates(&belief, settings, &mut random);
+        let mut candidates = candidates(&belief, bench.table(), settings, &mut random);
+        // What could not be reached cannot be reached now, as far as is known.
+        let refused: Vec<&Action> = actions.iter().filter(|a| a.refused.is_some()).collect();
+        candidates.retain(|c| !refused.iter().any(|a| same(settings, &a.placement, c)));
+        if candidates.is_empty() {
+            return Ok(Episode { stuck: true, ..finish(actions, steps, false) });
+        }
         let Some((choice, gain)) = choose(&belief, settings, &candidates, &actions, &mut random)
         else {
             return Ok(finish(actions, steps, false));
@@ -145,20 +161,28 @@ pub fn explore(
         let choosing = start.elapsed().as_secs_f64();
         let placement = candidates[choice];
         let off = (placement.hand.translation.vector - belief.centre).norm();
-        let strokes = placement.strokes(dimension, belief.radius + off);
-        let contacts = bench.close(&(belief.pose * placement.hand), &strokes);
-        next = Action { placement, gain, choosing, contacts, known: 0.0 };
+        let at = belief.pose * placement.hand;
+        let felt = bench.grasp(&at, placement.spread, belief.radius + off);
+        let (contacts, refused) = felt.map_or_else(|why| (0, Some(why)), |count| (count, None));
+        next = Action { placement, gain, choosing, contacts, refused, known: 0.0 };
     }
 }
 
-/// The first grasp, of which nothing is known but where the object roughly is: any candidate about the
-/// world's origin, again until something is felt. Closings that felt nothing stay in the log.
+/// The first action. An articulated hand delimits the object by probing (thesis figure 4.2), all guarded
+/// moves together counted as one action. The idealised hand grasps: any candidate about the world's origin,
+/// again until something is felt; closings that felt nothing stay in the log.
 fn first(
     bench: &mut Bench,
     settings: &Settings,
     random: &mut Random,
 ) -> Result<(Placement, usize), Error> {
     let (dimension, radius) = (bench.log().dimension, bench.radius());
+    if matches!(bench.hand(), Hand::Articulated(_)) {
+        let probe = bench.probe()?;
+        let contacts = probe.touches().count();
+        let middle = Translation3::from((probe.low + probe.high) / 2.0);
+        return Ok((Placement { hand: middle.into(), spread: 0.0 }, contacts));
+    }
     for _ in 0..FIRST_TRIES {
         let placement = match settings.candidates {
             Candidates::Fixed => {
@@ -210,7 +234,18 @@ fn pose_error(bench: &Bench, steps: &[Step], frame: &Pose) -> (f64, f64) {
     ((estimate * centre - truth * centre).norm(), estimate.rotation.angle_to(&truth.rotation))
 }
 
-fn candidates(belief: &Belief, settings: &Settings, random: &mut Random) -> Vec<Placement> {
+fn candidates(
+    belief: &Belief,
+    table: Option<f64>,
+    settings: &Settings,
+    random: &mut Random,
+) -> Vec<Placement> {
+    if let Hand::Articulated(hand) = &belief.hand {
+        return match settings.candidates {
+            Candidates::Fixed => approach::fixed(hand, belief, table),
+            Candidates::Continuous(count) => approach::drawn(hand, belief, table, count, random),
+        };
+    }
     match settings.candidates {
         // About the middle of what was felt, which moves as more is felt; the ways they face stay.
         Candidates::Fixed => fixed(belief.dimension, &belief.centre),

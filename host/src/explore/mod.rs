@@ -10,8 +10,10 @@ pub mod coverage;
 pub mod criterion;
 pub mod episode;
 pub mod placement;
+pub mod approach;
 pub mod pose_gain;
 pub mod prediction;
+pub mod swept;
 
 pub use belief::Belief;
 pub use coverage::Until;

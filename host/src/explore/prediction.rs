@@ -5,10 +5,12 @@ use nalgebra::Point3;
 
 use super::belief::Belief;
 use super::placement::Placement;
+use super::swept;
+use crate::sim::Hand;
 use crate::space::Point;
 
 /// Points along the rest of a ray at which its depth in the object is looked for.
-const DEPTHS: usize = 8;
+pub(super) const DEPTHS: usize = 8;
 
 /// A contact to be expected, object frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,6 +29,9 @@ pub struct Expected {
 
 /// The contacts of the fingers whose rays meet the believed shape, for each placement.
 pub fn predict(belief: &Belief, placements: &[Placement]) -> Vec<Vec<Expected>> {
+    if let Hand::Articulated(hand) = &belief.hand {
+        return swept::predict(hand, belief, placements);
+    }
     let mut depths: Vec<Point> = Vec::new();
     let mut all: Vec<Vec<Expected>> = Vec::with_capacity(placements.len());
     for placement in placements {
@@ -54,7 +59,7 @@ pub fn predict(belief: &Belief, placements: &[Placement]) -> Vec<Vec<Expected>> 
 }
 
 /// Φ(z) to three digits (logistic approximation of Bowling et al. 2009).
-fn normal_below(z: f64) -> f64 {
+pub(super) fn normal_below(z: f64) -> f64 {
     1.0 / (1.0 + (-(0.07056 * z * z * z + 1.5976 * z)).exp())
 }
 
