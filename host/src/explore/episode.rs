@@ -8,7 +8,7 @@ use super::belief::{Belief, beside_each_other};
 use super::coverage::Until;
 use super::criterion::{About, Criterion, best, pose_deviation};
 use super::placement::{Placement, drawn, fixed};
-use super::prediction::predict;
+use super::prediction::foresee;
 use crate::graph;
 use crate::shape::align::align;
 use crate::sim::Bench;
@@ -105,6 +105,22 @@ pub enum Error {
 pub fn explore(
     bench: &mut Bench,
     settings: &Settings,
+    watch: impl FnMut(&Action),
+) -> Result<Episode, Error> {
+    let truth = bench.geometry().clone();
+    let known = |belief: &Belief, frame: &Pose| settings.until.known(belief, &truth, frame);
+    explore_until(bench, settings, known, watch)
+}
+
+/// The same with another measure of what is known: of a belief, and the pose that takes the true object
+/// frame to the believed one, it tells the share that counts as known and how much of it is enough.
+///
+/// # Errors
+/// As [`explore`].
+pub fn explore_until(
+    bench: &mut Bench,
+    settings: &Settings,
+    mut known: impl FnMut(&Belief, &Pose) -> (f64, f64),
     mut watch: impl FnMut(&Action),
 ) -> Result<Episode, Error> {
     let [mut random] = Random::streams(settings.seed ^ 0x5eed_ca5e);
@@ -112,14 +128,16 @@ pub fn explore(
     let mut actions: Vec<Action> = Vec::new();
     let (placement, contacts) = first(bench, settings, &mut random)?;
     let mut next = Action { placement, gain: None, choosing: 0.0, contacts, known: 0.0 };
+    let mut before: Option<Belief> = None;
     loop {
         let steps = follow(bench, settings);
-        let belief = match settings.tracker {
-            None => Belief::new(bench.log(), &steps)?,
-            Some(_) => Belief::new(bench.log(), &beside_each_other(bench.log(), &steps))?,
+        let belief = match (settings.tracker, before) {
+            (None, Some(before)) => before.after(bench.log(), &steps)?,
+            (None, None) => Belief::new(bench.log(), &steps)?,
+            (Some(_), _) => Belief::new(bench.log(), &beside_each_other(bench.log(), &steps))?,
         };
         let truth = true_frame(bench, settings, &belief, &steps);
-        let (known, enough) = settings.until.known(&belief, bench.geometry(), &truth);
+        let (known, enough) = known(&belief, &truth);
         next.known = known;
         watch(&next);
         actions.push(next);
@@ -148,6 +166,7 @@ pub fn explore(
         let strokes = placement.strokes(dimension, belief.radius + off);
         let contacts = bench.close(&(belief.pose * placement.hand), &strokes);
         next = Action { placement, gain, choosing, contacts, known: 0.0 };
+        before = Some(belief);
     }
 }
 
@@ -248,7 +267,7 @@ fn choose(
         (_, About::Pose) if pose_deviation(belief) < UNCERTAIN => Criterion::VarianceSum,
         (criterion, _) => criterion,
     };
-    let scores = criterion.scores(belief, &predict(belief, candidates));
+    let scores = criterion.worth(belief, &foresee(belief, candidates));
     let recent = &done[done.len().saturating_sub(REMEMBERED)..];
     let choice = best(&scores, |i| again(&i, recent)).or_else(|| best(&scores, |_| false))?;
     Some((choice, Some(scores[choice])))

@@ -1,10 +1,11 @@
 //! The contacts that a grasp would give, by the belief: rays against the believed shape, with the
 //! chance that a finger meets anything at all.
 
-use nalgebra::Point3;
+use nalgebra::{DMatrix, Point3};
 
 use super::belief::Belief;
 use super::placement::Placement;
+use crate::reference::Gpis;
 use crate::space::Point;
 
 /// Points along the rest of a ray at which its depth in the object is looked for.
@@ -25,8 +26,33 @@ pub struct Expected {
     pub chance: f64,
 }
 
+/// What some grasps would feel, each on its own.
+#[derive(Clone, Debug)]
+pub struct Prediction {
+    /// The contacts of each grasp.
+    pub contacts: Vec<Vec<Expected>>,
+    /// Joint covariance of the surface at them, m², one matrix a grasp.
+    pub covariances: Vec<DMatrix<f64>>,
+}
+
+impl Prediction {
+    /// Of contacts that are to be expected: what the believed surface says about them together.
+    pub fn of(surface: &Gpis, contacts: Vec<Vec<Expected>>) -> Prediction {
+        let points = |grasp: &Vec<Expected>| grasp.iter().map(|e| e.point).collect();
+        let groups: Vec<Vec<Point>> = contacts.iter().map(points).collect();
+        let covariances = surface.joint_each(&groups);
+        Prediction { contacts, covariances }
+    }
+}
+
 /// The contacts of the fingers whose rays meet the believed shape, for each placement.
 pub fn predict(belief: &Belief, placements: &[Placement]) -> Vec<Vec<Expected>> {
+    foresee(belief, placements).contacts
+}
+
+/// The same with what the surface says about the contacts of each placement together. All of them are
+/// solved for at once, which is what the time of a choice goes into: criteria take it from here.
+pub fn foresee(belief: &Belief, placements: &[Placement]) -> Prediction {
     let mut depths: Vec<Point> = Vec::new();
     let mut all: Vec<Vec<Expected>> = Vec::with_capacity(placements.len());
     for placement in placements {
@@ -44,13 +70,16 @@ pub fn predict(belief: &Belief, placements: &[Placement]) -> Vec<Vec<Expected>> 
         }
         all.push(contacts);
     }
+    let mut prediction = Prediction::of(&belief.surface, all);
     let values = belief.surface.means(&depths);
-    let points: Vec<Point> = all.iter().flatten().map(|e| e.point).collect();
-    let variances = belief.surface.variances(&points);
     let deepest = values.chunks_exact(DEPTHS).map(|d| d.iter().copied().fold(0.0, f64::min));
-    let chances = deepest.zip(variances).map(|(deep, v)| normal_below(-deep / v.sqrt().max(1e-6)));
-    all.iter_mut().flatten().zip(chances).for_each(|(expected, chance)| expected.chance = chance);
-    all
+    let variances = prediction.covariances.iter().flat_map(|c| c.diagonal().data.as_vec().clone());
+    let chances = deepest
+        .zip(variances)
+        .map(|(deep, variance)| normal_below(-deep / variance.max(0.0).sqrt().max(1e-6)));
+    let contacts = prediction.contacts.iter_mut().flatten();
+    contacts.zip(chances).for_each(|(expected, chance)| expected.chance = chance);
+    prediction
 }
 
 /// Φ(z) to three digits (logistic approximation of Bowling et al. 2009).
