@@ -14,6 +14,7 @@ pub mod proportion;
 pub mod push;
 pub mod sensing;
 pub mod shapes;
+pub mod solids;
 pub mod touches;
 pub mod tracking;
 

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::belief::Belief;
 use super::placement::Placement;
-use super::swept::predict;
+use super::swept::met;
 use crate::shape::Geometry;
 use crate::sim::hand::{Articulated, SPREADS, Surroundings, Unreachable};
 use crate::sim::random::Random;
@@ -123,8 +123,8 @@ fn feasible(
     shape.distance(&belief.centre);
     let brought: Vec<Placement> =
         ways.par_iter().filter_map(|way| bring(hand, belief, table, way).ok()).collect();
-    let expected = predict(hand, belief, &brought);
-    let felt = brought.into_iter().zip(expected).filter(|(_, e)| !e.is_empty());
+    let met = met(hand, belief, &brought);
+    let felt = brought.into_iter().zip(met).filter(|(_, met)| !met.is_empty());
     felt.map(|(placement, _)| placement).collect()
 }
 

@@ -9,7 +9,7 @@ use super::belief::{Belief, beside_each_other};
 use super::coverage::{SAMPLES, Until};
 use super::criterion::{About, Criterion, best, pose_deviation};
 use super::placement::{Placement, drawn, fixed};
-use super::prediction::predict;
+use super::prediction::foresee;
 use crate::graph;
 use crate::shape::align::align;
 use crate::sim::hand::Unreachable;
@@ -114,6 +114,22 @@ pub enum Error {
 pub fn explore(
     bench: &mut Bench,
     settings: &Settings,
+    watch: impl FnMut(&Action),
+) -> Result<Episode, Error> {
+    let surface = bench.reachable(SAMPLES);
+    let known = |belief: &Belief, frame: &Pose| settings.until.known_of(belief, &surface, frame);
+    explore_until(bench, settings, known, watch)
+}
+
+/// The same with another measure of what is known: of a belief, and the pose that takes the true object
+/// frame to the believed one, it tells the share that counts as known and how much of it is enough.
+///
+/// # Errors
+/// As [`explore`].
+pub fn explore_until(
+    bench: &mut Bench,
+    settings: &Settings,
+    mut known: impl FnMut(&Belief, &Pose) -> (f64, f64),
     mut watch: impl FnMut(&Action),
 ) -> Result<Episode, Error> {
     let [mut random] = Random::streams(settings.seed ^ 0x5eed_ca5e);
@@ -121,15 +137,17 @@ pub fn explore(
     let (placement, contacts) = first(bench, settings, &mut random)?;
     let mut next =
         Action { placement, gain: None, choosing: 0.0, contacts, refused: None, known: 0.0 };
+    let mut before: Option<Belief> = None;
     loop {
         let steps = follow(bench, settings);
-        let mut belief = match settings.tracker {
-            None => Belief::new(bench.log(), &steps)?,
-            Some(_) => Belief::new(bench.log(), &beside_each_other(bench.log(), &steps))?,
+        let mut belief = match (settings.tracker, before) {
+            (None, Some(before)) => before.after(bench.log(), &steps)?,
+            (None, None) => Belief::new(bench.log(), &steps)?,
+            (Some(_), _) => Belief::new(bench.log(), &beside_each_other(bench.log(), &steps))?,
         };
         belief.hand = bench.hand().clone();
         let truth = true_frame(bench, settings, &belief, &steps);
-        let (known, enough) = settings.until.known_of(&belief, &bench.reachable(SAMPLES), &truth);
+        let (known, enough) = known(&belief, &truth);
         next.known = known;
         watch(&next);
         actions.push(next);
@@ -165,6 +183,7 @@ pub fn explore(
         let felt = bench.grasp(&at, placement.spread, belief.radius + off);
         let (contacts, refused) = felt.map_or_else(|why| (0, Some(why)), |count| (count, None));
         next = Action { placement, gain, choosing, contacts, refused, known: 0.0 };
+        before = Some(belief);
     }
 }
 
@@ -283,7 +302,7 @@ fn choose(
         (_, About::Pose) if pose_deviation(belief) < UNCERTAIN => Criterion::VarianceSum,
         (criterion, _) => criterion,
     };
-    let scores = criterion.scores(belief, &predict(belief, candidates));
+    let scores = criterion.worth(belief, &foresee(belief, candidates));
     let recent = &done[done.len().saturating_sub(REMEMBERED)..];
     let choice = best(&scores, |i| again(&i, recent)).or_else(|| best(&scores, |_| false))?;
     Some((choice, Some(scores[choice])))

@@ -18,5 +18,5 @@ pub mod swept;
 pub use belief::Belief;
 pub use coverage::Until;
 pub use criterion::Criterion;
-pub use episode::{Candidates, Episode, Settings, explore};
+pub use episode::{Candidates, Episode, Settings, explore, explore_until};
 pub use placement::Placement;

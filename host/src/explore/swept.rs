@@ -2,10 +2,11 @@
 //! against the believed shape. What the inner links might run into is left to the trial.
 
 use nalgebra::Point3;
+use rayon::prelude::*;
 
 use super::belief::Belief;
 use super::placement::Placement;
-use super::prediction::{DEPTHS, Expected, normal_below};
+use super::prediction::{DEPTHS, Expected, Met};
 use crate::shape::Geometry;
 use crate::sim::hand::{Articulated, FingerPath};
 use crate::space::Point;
@@ -27,36 +28,24 @@ pub struct Hit {
     pub along: f64,
 }
 
-/// The contacts to be expected for each placement.
-pub fn predict(hand: &Articulated, belief: &Belief, placements: &[Placement]) -> Vec<Vec<Expected>> {
-    let mut depths: Vec<Point> = Vec::new();
-    let mut radii: Vec<f64> = Vec::new();
-    let mut all: Vec<Vec<Expected>> = Vec::with_capacity(placements.len());
-    for placement in placements {
-        let mut contacts = Vec::new();
-        for path in hand.paths(placement.spread) {
+/// What the fingertips meet, for each placement.
+pub(super) fn met(hand: &Articulated, belief: &Belief, placements: &[Placement]) -> Vec<Vec<Met>> {
+    let one = |placement: &Placement| {
+        let met = |path: &FingerPath| {
             let path = placed(path.clone(), placement);
-            let Some(hit) = cast(&path, &belief.geometry) else { continue };
+            let hit = cast(&path, &belief.geometry)?;
             let left = (length(&path) - hit.along).min(belief.radius);
-            let deeper = |k: usize| at(&path, hit.along + left * k as f64 / DEPTHS as f64);
-            depths.extend((1..=DEPTHS).map(deeper));
-            radii.push(path.radius);
-            let Hit { point, normal, .. } = hit;
-            contacts.push(Expected { finger: path.finger, point, normal, chance: 1.0 });
-        }
-        all.push(contacts);
-    }
-    let values = belief.surface.means(&depths);
-    let points: Vec<Point> = all.iter().flatten().map(|e| e.point).collect();
-    let variances = belief.surface.variances(&points);
-    // How far into the believed object the ball would have to go, in deviations of the surface.
-    let deepest = values
-        .chunks_exact(DEPTHS)
-        .zip(&radii)
-        .map(|(d, radius)| d.iter().fold(0.0, |least: f64, v| least.min(v - radius)));
-    let chances = deepest.zip(variances).map(|(deep, v)| normal_below(-deep / v.sqrt().max(1e-6)));
-    all.iter_mut().flatten().zip(chances).for_each(|(expected, chance)| expected.chance = chance);
-    all
+            let share = |k: usize| left * (k + 1) as f64 / DEPTHS as f64;
+            let Hit { point, normal, along } = hit;
+            Some(Met {
+                contact: Expected { finger: path.finger, point, normal, chance: 1.0 },
+                deeper: std::array::from_fn(|k| at(&path, along + share(k))),
+                radius: path.radius,
+            })
+        };
+        hand.paths(placement.spread).iter().filter_map(met).collect()
+    };
+    placements.par_iter().map(one).collect()
 }
 
 /// The way in the object frame.
