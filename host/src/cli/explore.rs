@@ -255,3 +255,77 @@ fn result(settings: &explore::Settings, episode: &Episode, mut report: Value) ->
 fn name(criterion: Criterion) -> String {
     criterion.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: ExploreArgs,
+    }
+
+    fn line(words: &[&str]) -> Result<Line, clap::Error> {
+        Line::try_parse_from([&["explore"], words].concat())
+    }
+
+    fn refused(words: &[&str]) -> String {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("out");
+        let line = line(&[words, &["--out", out.to_str().unwrap()]].concat()).unwrap();
+        let error = run(&line.args).unwrap_err();
+        assert!(!out.exists(), "nothing is written");
+        error.to_string()
+    }
+
+    #[test]
+    fn hands_that_make_no_sense_are_explained() {
+        let planar = refused(&["--object", "rectangle:0.1x0.06", "--hand", "five-finger"]);
+        assert!(planar.contains("closes around solids only"), "{planar}");
+        let table = refused(&["--object", "box:0.1x0.06x0.06", "--table"]);
+        assert!(table.contains("--table: expected an articulated hand"), "{table}");
+        let missing = refused(&["--object", "box:0.1x0.06x0.06", "--hand", "no/such.urdf"]);
+        assert!(missing.starts_with("no/such.urdf: cannot read"), "{missing}");
+        let tips = ["--object", "box:0.1x0.06x0.06", "--hand", "five-finger", "--tips", "a"];
+        assert!(refused(&tips).starts_with("--tips"));
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("fist.urdf");
+        std::fs::write(&file, "<robot name=\"fist\"><link name=\"palm\"/></robot>").unwrap();
+        let none = refused(&["--object", "sphere:0.08", "--hand", file.to_str().unwrap()]);
+        assert!(none.contains("no fingertip"), "{none}");
+        let unknown = line(&["--object", "sphere:0.08", "--hand", "three-finger"]).unwrap_err();
+        assert!(unknown.to_string().contains("five-finger or a file ending in .urdf"), "{unknown}");
+    }
+
+    #[test]
+    fn a_hand_from_a_file_explores_and_leaves_a_log() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("mine.urdf");
+        let text = include_str!("../../assets/hand/five_finger.urdf");
+        std::fs::write(&file, text.replace("five_finger", "mine")).unwrap();
+        let out = folder.path().join("out");
+        let line = line(&[
+            "--object",
+            "box:0.06x0.06x0.06",
+            "--hand",
+            file.to_str().unwrap(),
+            "--table",
+            "--tips",
+            "ff_distal,th_distal",
+            "--count",
+            "10",
+            "--max-actions",
+            "3",
+            "--json",
+            "--out",
+            out.to_str().unwrap(),
+        ]);
+        run(&line.unwrap().args).unwrap();
+        let log = crate::log::GraspLog::read(&out.join("log.jsonl")).unwrap();
+        assert_eq!(log.fingers, ["ff_distal", "th_distal"]);
+        assert_eq!(log.grasps.len(), 3);
+        assert_eq!(log.grasps[0].contacts.len(), 5);
+    }
+}

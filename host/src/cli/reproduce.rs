@@ -13,7 +13,7 @@ use crate::experiment::chapter2::{self, FIGURES};
 use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{
     Picture, calibration, chapter3, data, exploration, graphs, localization, memory, pose_graphs,
-    push, sensing, shapes, solids, tracking,
+    probing, push, sensing, shapes, solids, tracking,
 };
 use crate::graph;
 use crate::log::write::write_atomically;
@@ -146,7 +146,7 @@ const WRENCH: &str = "sensing-wrench";
 const ELECTRODES: &str = "sensing-electrodes";
 
 /// What is quick and no figure of the thesis.
-const OTHERS: [&str; 3] = ["push", WRENCH, ELECTRODES];
+const OTHERS: [&str; 4] = ["push", WRENCH, ELECTRODES, probing::NAME];
 
 /// Not part of `all`, which would take hours with them.
 const LONG: [&str; 8] =
@@ -422,6 +422,10 @@ fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
     if name == "table-3.1" {
         let table = localization::run(data().as_deref(), args.seeds()).map_err(Error::failure)?;
         return Outcome::new(name, &table, None);
+    }
+    if name == probing::NAME {
+        let figure = probing::run(args.seeds()).map_err(Error::failure)?;
+        return Outcome::new(name, &figure, Some(figure.picture.clone()));
     }
     if name == WRENCH {
         let table = sensing::wrench::run(args.seeds()).map_err(Error::failure)?;

@@ -10,6 +10,7 @@ pub mod localization;
 pub mod memory;
 pub mod model;
 pub mod pose_graphs;
+pub mod probing;
 pub mod proportion;
 pub mod push;
 pub mod sensing;

@@ -68,12 +68,7 @@ impl Until {
     }
 
     /// The same of a part of the surface, given as points with their normals.
-    pub fn known_of(
-        &self,
-        belief: &Belief,
-        part: &[(Point, Point)],
-        truth: &Pose,
-    ) -> (f64, f64) {
+    pub fn known_of(&self, belief: &Belief, part: &[(Point, Point)], truth: &Pose) -> (f64, f64) {
         let place = |(p, _): &(Point, Point)| (truth * nalgebra::Point3::from(*p)).coords;
         let points: Vec<Point> = part.iter().map(place).collect();
         let (deviation, error) = match self {

@@ -3,14 +3,15 @@
 //! [`episode`] is the closed loop: belief → candidates → gain of each → the best is touched → tracker
 //! and surface take what was felt → belief. [`placement`] has the candidates, [`belief`] what is known
 //! of the object, [`prediction`] the contacts that a candidate would give, [`criterion`] what they are
-//! worth and [`coverage`] when enough is known.
+//! worth and [`coverage`] when enough is known. Where the hand is articulated, [`approach`] has the
+//! candidates and [`swept`] what its fingertips would meet.
 
+pub mod approach;
 pub mod belief;
 pub mod coverage;
 pub mod criterion;
 pub mod episode;
 pub mod placement;
-pub mod approach;
 pub mod pose_gain;
 pub mod prediction;
 pub mod swept;
@@ -20,3 +21,6 @@ pub use coverage::Until;
 pub use criterion::Criterion;
 pub use episode::{Candidates, Episode, Settings, explore, explore_until};
 pub use placement::Placement;
+
+#[cfg(test)]
+mod articulated_tests;

@@ -128,12 +128,7 @@ impl Mesh {
     ///
     /// The body must not be parry's cuboid, whose distance from a triangle is only an estimate there (the
     /// hull of its corners has a true one).
-    pub fn nearest(
-        &self,
-        body: &dyn Shape,
-        pose: &Pose,
-        within: f64,
-    ) -> Option<(Point, Point)> {
+    pub fn nearest(&self, body: &dyn Shape, pose: &Pose, within: f64) -> Option<(Point, Point)> {
         let tree = self.tree()?;
         let origin = parry3d_f64::math::Pose::IDENTITY;
         match closest_points(&origin, tree, &parry(pose), body, within) {

@@ -186,6 +186,7 @@ impl Bench {
         let felt = felt.collect();
         let mut contacts = self.sense(felt);
         contacts.iter_mut().for_each(|c| c.normal_noise = Some(FLAT_HAND));
+        let found = found.sensed(contacts.iter().map(|c| c.point), self.table);
         self.record(contacts, Vec::new(), None);
         Ok(found)
     }

@@ -251,7 +251,10 @@ impl Articulated {
             .and_then(|w| w.try_normalize(1e-4))
             .unwrap_or_else(|| back.cross(&least).normalize());
         let rotation = Rotation3::from_basis_unchecked(&[x, back.cross(&x), back]);
-        Pose::from_parts(Translation3::from(middle), UnitQuaternion::from_rotation_matrix(&rotation))
+        Pose::from_parts(
+            Translation3::from(middle),
+            UnitQuaternion::from_rotation_matrix(&rotation),
+        )
     }
 
     fn speeds(&self, moved: &[Vec<usize>]) -> Vec<f64> {
@@ -271,8 +274,8 @@ impl Articulated {
                     Motion::Turn(_, drive) => (Some(drive), lever, 0.0),
                     Motion::Slide(_, drive) => {
                         let c = &self.model.coordinates[drive.coordinate];
-                        let farthest = [c.lower, c.upper]
-                            .map(|v| (drive.factor * v + drive.offset).abs());
+                        let farthest =
+                            [c.lower, c.upper].map(|v| (drive.factor * v + drive.offset).abs());
                         (Some(drive), 1.0, farthest[0].max(farthest[1]))
                     }
                 };
@@ -369,7 +372,8 @@ fn pad(link: &Link) -> (Point, f64) {
         let long = half.imax();
         let shift = Point::ith(long, half[long] - radius);
         let middle = Point::new(middle.x, middle.y, middle.z);
-        let ends = [middle + shift, middle - shift].map(|e| (solid.origin * Point3::from(e)).coords);
+        let ends =
+            [middle + shift, middle - shift].map(|e| (solid.origin * Point3::from(e)).coords);
         let farther = if ends[0].norm() >= ends[1].norm() { ends[0] } else { ends[1] };
         (farther, radius)
     };

@@ -154,7 +154,12 @@ impl Articulated {
     ///
     /// # Errors
     /// What is in the way.
-    pub fn fits(&self, grasp: &Pose, spread: f64, around: &Surroundings) -> Result<(), Unreachable> {
+    pub fn fits(
+        &self,
+        grasp: &Pose,
+        spread: f64,
+        around: &Surroundings,
+    ) -> Result<(), Unreachable> {
         let root = self.root(grasp);
         if !root.translation.vector.iter().chain(root.rotation.coords.iter()).all(|x| x.is_finite())
         {
@@ -298,7 +303,8 @@ impl Closing<'_> {
                 continue;
             }
             let both = speed + speeds[other];
-            let near = links_near((body, pose), (&links[other], &poses[other]), most * both + TOUCHING);
+            let near =
+                links_near((body, pose), (&links[other], &poses[other]), most * both + TOUCHING);
             if near.is_some_and(|distance| within(distance, both)) {
                 return Err(Met::Other);
             }

@@ -75,7 +75,8 @@ impl Model {
     /// can to `target` (root frame): damped least squares (Wampler 1986) with the coordinates held
     /// within their limits, those at a limit left out of the step that would pass it.
     pub fn solve(&self, link: usize, point: &Point, target: &Point, start: &[f64]) -> Reached {
-        let clamp = |i: usize, v: f64| v.clamp(self.coordinates[i].lower, self.coordinates[i].upper);
+        let clamp =
+            |i: usize, v: f64| v.clamp(self.coordinates[i].lower, self.coordinates[i].upper);
         let count = self.coordinates.len();
         let mut joints: Vec<f64> =
             (0..count).map(|i| clamp(i, start.get(i).copied().unwrap_or(0.0))).collect();
@@ -92,8 +93,8 @@ impl Model {
             let mut jacobian = self.jacobian(&joints, link, point);
             let mut step = DVector::zeros(count);
             for _ in 0..=count {
-                let square = &jacobian * jacobian.transpose()
-                    + Matrix3::identity() * (damping * damping);
+                let square =
+                    &jacobian * jacobian.transpose() + Matrix3::identity() * (damping * damping);
                 let Some(force) = square.cholesky().map(|c| c.solve(&error)) else { break };
                 step = jacobian.transpose() * force;
                 // A coordinate that would leave its limits stays, and the others do its part.

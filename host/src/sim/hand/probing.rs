@@ -57,6 +57,36 @@ pub struct Probe {
 }
 
 impl Probe {
+    /// The box that the touches of `sides` delimit.
+    fn new(sides: [[Option<Point>; 2]; 3], table: Option<f64>, moves: usize) -> Probe {
+        let touched = || sides.iter().flatten().flatten();
+        // A side that no move met ends where the other touches end.
+        let end = |axis: usize, side: usize| {
+            let along = touched().map(|p| p[axis]);
+            match (sides[axis][side], table) {
+                (Some(point), _) => point[axis],
+                (None, Some(height)) if axis == 2 && side == 0 => height,
+                _ if side == 0 => along.fold(f64::INFINITY, f64::min),
+                _ => along.fold(f64::NEG_INFINITY, f64::max),
+            }
+        };
+        let corner = |side: usize| Point::from_fn(|axis, _| end(axis, side));
+        Probe { sides, low: corner(0), high: corner(1), moves }
+    }
+
+    /// The same probing with its touches, in the order of [`Probe::touches`], as a sensor gives them.
+    pub(in crate::sim) fn sensed(
+        &self,
+        mut points: impl Iterator<Item = Point>,
+        table: Option<f64>,
+    ) -> Probe {
+        let mut sides = self.sides;
+        for touch in sides.iter_mut().flatten().flatten() {
+            *touch = points.next().unwrap_or(*touch);
+        }
+        Probe::new(sides, table, self.moves)
+    }
+
     /// The touches, each with the outward direction of its side.
     pub fn touches(&self) -> impl Iterator<Item = (Point, Point)> + '_ {
         let of = |axis: usize, side: usize| {
@@ -108,19 +138,7 @@ pub(in crate::sim) fn probe(
             (if side == 0 { &mut low } else { &mut high })[axis] = point[axis];
         }
     }
-    let touched: Vec<Point> = sides.iter().flatten().flatten().copied().collect();
-    touched.first()?;
-    // A side that no move met ends where the other touches end.
-    for axis in 0..3 {
-        let along = touched.iter().map(|p| p[axis]);
-        if low[axis].is_nan() {
-            low[axis] = along.clone().fold(f64::INFINITY, f64::min);
-        }
-        if high[axis].is_nan() {
-            high[axis] = along.fold(f64::NEG_INFINITY, f64::max);
-        }
-    }
-    Some(Probe { sides, low, high, moves })
+    sides.iter().flatten().any(Option::is_some).then(|| Probe::new(sides, table, moves))
 }
 
 /// Where a plate that moves along an axis through the middle first touches the object.

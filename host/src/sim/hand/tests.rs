@@ -39,7 +39,8 @@ fn stick(joint: &str, links: &str) -> String {
 const FINE: &str = r#"<axis xyz="1 0 0"/><limit lower="0" upper="1" effort="1" velocity="1"/>"#;
 
 fn problem(text: &str) -> String {
-    let parsed = Model::parse(text, "my.urdf", None).and_then(|m| Articulated::new(m, &[], "my.urdf"));
+    let parsed =
+        Model::parse(text, "my.urdf", None).and_then(|m| Articulated::new(m, &[], "my.urdf"));
     let error = parsed.expect_err(text).to_string();
     assert!(error.starts_with("my.urdf: "), "{error}");
     error
@@ -75,15 +76,21 @@ fn what_is_no_hand_is_named() {
         (other("<link name=\"tip\"/>"), "link \"tip\" is there twice"),
         (other("<link name=\"lost\"/>"), "links palm, lost are no joint's child"),
         (
-            other("<joint name=\"k\" type=\"fixed\"><parent link=\"palm\"/><child link=\"no\"/></joint>"),
+            other(
+                "<joint name=\"k\" type=\"fixed\"><parent link=\"palm\"/><child link=\"no\"/></joint>",
+            ),
             "joint \"k\": there is no link \"no\"",
         ),
         (
-            other("<joint name=\"k\" type=\"fixed\"><parent link=\"palm\"/><child link=\"tip\"/></joint>"),
+            other(
+                "<joint name=\"k\" type=\"fixed\"><parent link=\"palm\"/><child link=\"tip\"/></joint>",
+            ),
             "link \"tip\" is the child of joints \"j\" and \"k\"",
         ),
         (
-            other("<joint name=\"k\" type=\"fixed\"><parent link=\"tip\"/><child link=\"palm\"/></joint>"),
+            other(
+                "<joint name=\"k\" type=\"fixed\"><parent link=\"tip\"/><child link=\"palm\"/></joint>",
+            ),
             "every link is the child of another",
         ),
         (
@@ -95,7 +102,9 @@ fn what_is_no_hand_is_named() {
             "hangs on itself in a loop",
         ),
         (
-            other("<link name=\"a\"/><joint name=\"j\" type=\"fixed\"><parent link=\"palm\"/><child link=\"a\"/></joint>"),
+            other(
+                "<link name=\"a\"/><joint name=\"j\" type=\"fixed\"><parent link=\"palm\"/><child link=\"a\"/></joint>",
+            ),
             "joint \"j\" is there twice",
         ),
         (
@@ -155,7 +164,10 @@ fn mimicking_joints_follow_and_end_where_they_end() {
     };
     assert_eq!((drive.factor, drive.offset), (-2.0, 0.1));
     let pose = model.forward(&[0.3])[end];
-    assert!((pose.rotation.angle_to(&UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.3 - 0.5))) < 1e-12);
+    assert!(
+        (pose.rotation.angle_to(&UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.3 - 0.5)))
+            < 1e-12
+    );
 }
 
 #[test]
@@ -223,7 +235,8 @@ fn fingertips_feel_the_object_where_they_touch_it() {
                 assert!(object.signed_distance(&(t.point + 1e-4 * t.normal)).unwrap() > 0.0);
                 let finger = &hand.fingers()[t.finger];
                 let pose = hand.root(&grasp) * poses[finger.tip];
-                let near = around.object_near(&hand.model().links[finger.tip], &pose, 1e-3).unwrap();
+                let near =
+                    around.object_near(&hand.model().links[finger.tip], &pose, 1e-3).unwrap();
                 assert!(near.distance < 5e-5, "{}", near.distance);
                 assert!((near.point - t.point).norm() < 1e-4);
             }
@@ -253,7 +266,10 @@ fn what_is_in_the_way_is_named() {
     assert_eq!(fits(&from_above(Point::new(0.0, 0.0, 0.2), 0.0)), Ok(()));
     let inside = fits(&from_above(Point::new(0.0, 0.0, 0.0), 0.0)).unwrap_err();
     assert!(
-        matches!(inside, Unreachable::PalmMeetsObject { .. } | Unreachable::FingerMeetsObject { .. }),
+        matches!(
+            inside,
+            Unreachable::PalmMeetsObject { .. } | Unreachable::FingerMeetsObject { .. }
+        ),
         "{inside}"
     );
     let aside = fits(&from_above(Point::new(0.3, 0.0, 0.0), 0.0)).unwrap_err();

@@ -97,9 +97,7 @@ pub enum Problem {
         link: String,
     },
     /// A joint that this model does not have.
-    #[error(
-        "joint {joint:?} is {kind}, expected revolute, continuous, prismatic or fixed"
-    )]
+    #[error("joint {joint:?} is {kind}, expected revolute, continuous, prismatic or fixed")]
     Kind {
         /// The joint.
         joint: String,
@@ -115,7 +113,9 @@ pub enum Problem {
         axis: [f64; 3],
     },
     /// Limits that are no interval.
-    #[error("joint {joint:?}: limits from {lower} to {upper}, expected finite ones in rising order")]
+    #[error(
+        "joint {joint:?}: limits from {lower} to {upper}, expected finite ones in rising order"
+    )]
     Limits {
         /// The joint.
         joint: String,
@@ -335,9 +335,9 @@ impl Model {
     /// When there are none, or a named link is none.
     pub fn tips(&self, names: &[String]) -> Result<Vec<usize>, Problem> {
         let moved = |link: usize| {
-            self.chain(link).iter().any(|l| {
-                matches!(&self.links[*l].joint, Some(j) if j.motion != Motion::Fixed)
-            })
+            self.chain(link)
+                .iter()
+                .any(|l| matches!(&self.links[*l].joint, Some(j) if j.motion != Motion::Fixed))
         };
         if !names.is_empty() {
             let one = |name: &String| {
@@ -461,10 +461,10 @@ fn order(
     let mut children: Vec<Vec<usize>> = vec![Vec::new(); count];
     for (number, joint) in robot.joints.iter().enumerate() {
         let find = |link: &String| {
-            index.get(link.as_str()).copied().ok_or_else(|| Problem::NoLink {
-                joint: joint.name.clone(),
-                link: link.clone(),
-            })
+            index
+                .get(link.as_str())
+                .copied()
+                .ok_or_else(|| Problem::NoLink { joint: joint.name.clone(), link: link.clone() })
         };
         let (parent, child) = (find(&joint.parent.link)?, find(&joint.child.link)?);
         if let Some(first) = holder[child].replace(number) {
@@ -652,8 +652,8 @@ fn solid(
         Err(Problem::Size { link: link.into(), what, found: found.to_vec() })
     };
     // parry's cylinders and capsules stand along y, those of the URDF along z.
-    let upright = origin
-        * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::FRAC_PI_2);
+    let upright =
+        origin * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::FRAC_PI_2);
     Ok(match &collision.geometry {
         urdf_rs::Geometry::Box { size } => {
             sizes("box", &size.0)?;
@@ -682,12 +682,16 @@ fn solid(
         urdf_rs::Geometry::Mesh { filename, scale } => {
             let scale = scale.map_or([1.0; 3], |s| s.0);
             if !scale.iter().all(|s| s.is_finite() && *s != 0.0) {
-                return Err(Problem::Size { link: link.into(), what: "scale", found: scale.into() });
+                return Err(Problem::Size {
+                    link: link.into(),
+                    what: "scale",
+                    found: scale.into(),
+                });
             }
             let file = locate(filename, folder)
                 .ok_or_else(|| Problem::Package { link: link.into(), uri: filename.clone() })?;
-            let mesh = read_mesh(&file)
-                .map_err(|source| Problem::Mesh { link: link.into(), source })?;
+            let mesh =
+                read_mesh(&file).map_err(|source| Problem::Mesh { link: link.into(), source })?;
             let scaled = |v: &Point| Vector::new(v.x * scale[0], v.y * scale[1], v.z * scale[2]);
             let points: Vec<Vector> = mesh.vertices().iter().map(scaled).collect();
             let radius = points.iter().map(|p| p.length()).fold(0.0, f64::max);
