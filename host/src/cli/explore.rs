@@ -268,13 +268,13 @@ mod tests {
     }
 
     fn line(words: &[&str]) -> Result<Line, clap::Error> {
-        Line::try_parse_from([&["explore"], words].concat())
+        Line::try_parse_from([&["explore"][..], words].concat())
     }
 
     fn refused(words: &[&str]) -> String {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("out");
-        let line = line(&[words, &["--out", out.to_str().unwrap()]].concat()).unwrap();
+        let line = line(&[words, &["--out", out.to_str().unwrap()][..]].concat()).unwrap();
         let error = run(&line.args).unwrap_err();
         assert!(!out.exists(), "nothing is written");
         error.to_string()

@@ -9,7 +9,7 @@ use super::{Picture, Spread};
 use crate::quantity::Deviation;
 use crate::shape::{Geometry, Mesh, ShapeError};
 use crate::sim::hand::{Articulated, HandError, Unreachable};
-use crate::sim::{Bench, Hand, Options, SimError};
+use crate::sim::{Bench, Hand, ObjectSpec, Options, SimError};
 use crate::space::{Point, Pose};
 use crate::view::sheet::{self, Panel, Sheet};
 use crate::view::summary::PictureError;
@@ -96,7 +96,7 @@ pub fn run(seeds: u64) -> Result<Figure, Error> {
         let (mut faces, mut volumes, mut touches, mut moves) = (Vec::new(), Vec::new(), 0, 0);
         for seed in 0..seeds {
             let still = Deviation { length: 0.0, angle: 0.0 };
-            let spec = object.parse().map_err(SimError::Object)?;
+            let spec: ObjectSpec = object.parse().map_err(SimError::Object)?;
             let options = Options { seed, motion_noise: still, ..Options::new(spec) };
             let mut bench = Bench::with_hand(options, hand.clone(), true)?;
             let found = bench.probe().map_err(|source| Error::Missed {
@@ -118,7 +118,7 @@ pub fn run(seeds: u64) -> Result<Figure, Error> {
             let volume = |low: Point, high: Point| (high - low).product();
             volumes.push(100.0 * volume(found.low, found.high) / volume(low, high));
             if seed == 0 {
-                let contacts = &bench.log().grasps[0].contacts;
+                let contacts = bench.log().grasps.first().map_or(&[][..], |g| &g.contacts);
                 panels.push(Panel {
                     title: object.into(),
                     note: format!("{moves} guarded moves, {} touches", contacts.len()),
