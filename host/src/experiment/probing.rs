@@ -118,7 +118,7 @@ pub fn run(seeds: u64) -> Result<Figure, Error> {
             let volume = |low: Point, high: Point| (high - low).product();
             volumes.push(100.0 * volume(found.low, found.high) / volume(low, high));
             if seed == 0 {
-                let contacts = bench.log().grasps.first().map_or(&[][..], |g| &g.contacts);
+                let contacts = bench.log().grasps.first().map_or(&[][..], |g| &g.contacts[..]);
                 panels.push(Panel {
                     title: object.into(),
                     note: format!("{moves} guarded moves, {} touches", contacts.len()),
