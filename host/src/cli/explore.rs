@@ -1,6 +1,7 @@
 //! `tactile explore`: a simulated hand decides where to touch.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use serde_json::{Map, Value, json};
@@ -20,7 +21,8 @@ use crate::graph;
 use crate::link::{Patience, Session};
 use crate::quantity::{self, Deviation};
 use crate::shape::Geometry;
-use crate::sim::{Bench, ObjectError, ObjectSpec, Options};
+use crate::sim::hand::Articulated;
+use crate::sim::{Bench, Hand, ObjectError, ObjectSpec, Options};
 use crate::slam::choose::Choice;
 use crate::slam::output::{Outcome, Provenance, check_folder, conclude};
 use crate::slam::trackers::Kind;
@@ -39,6 +41,17 @@ pub struct ExploreArgs {
     /// What is explored, as in simulate
     #[arg(long, value_parser = object)]
     object: ObjectSpec,
+    /// What touches: idealised (fingertips on straight ways), five-finger (an articulated hand in the
+    /// proportions of the Shadow hand), or FILE.urdf, your own; articulated hands begin by probing from
+    /// every side, and touch solids only
+    #[arg(long, value_name = "HAND", default_value = "idealised", value_parser = hand_name)]
+    hand: HandName,
+    /// The links of a FILE.urdf that are fingertips [default: the last ones with collision geometry]
+    #[arg(long, value_name = "LINK", value_delimiter = ',')]
+    tips: Vec<String>,
+    /// The object stands on a table, where the hand must not meet it
+    #[arg(long)]
+    table: bool,
     /// What a touch is worth
     #[arg(long, value_enum, default_value_t = Criterion::Information)]
     criterion: Criterion,
@@ -107,6 +120,38 @@ enum Kinds {
     Continuous,
 }
 
+/// A hand as the command line names it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum HandName {
+    Idealised,
+    FiveFinger,
+    File(PathBuf),
+}
+
+fn hand_name(text: &str) -> Result<HandName, String> {
+    match text {
+        "idealised" => Ok(HandName::Idealised),
+        "five-finger" => Ok(HandName::FiveFinger),
+        _ if Path::new(text).extension().is_some_and(|e| e.eq_ignore_ascii_case("urdf")) => {
+            Ok(HandName::File(text.into()))
+        }
+        _ => Err("expected idealised, five-finger or a file ending in .urdf".into()),
+    }
+}
+
+/// The hand that the arguments mean.
+fn hand(name: &HandName, tips: &[String]) -> Result<Hand, Error> {
+    let articulated = match name {
+        HandName::Idealised | HandName::FiveFinger if !tips.is_empty() => {
+            return Err(Error::input("--tips: only a hand from a FILE.urdf takes it"));
+        }
+        HandName::Idealised => return Ok(Hand::Idealised),
+        HandName::FiveFinger => Articulated::five_finger(),
+        HandName::File(file) => Articulated::read(file, tips),
+    };
+    Ok(Hand::Articulated(Arc::new(articulated.map_err(Error::input)?)))
+}
+
 fn object(text: &str) -> Result<ObjectSpec, String> {
     text.parse().map_err(|e: ObjectError| e.to_string())
 }
@@ -122,13 +167,14 @@ fn until(text: &str) -> Result<Until, String> {
 pub fn run(args: &ExploreArgs) -> Result<(), Error> {
     check_folder(&args.out).map_err(Error::input)?;
     let still = Deviation { length: 0.0, angle: 0.0 };
-    let mut bench = Bench::new(Options {
+    let options = Options {
         contact_noise: args.contact_noise,
         motion_noise: if args.moving { args.motion_noise } else { still },
         seed: args.seed,
         ..Options::new(args.object.clone())
-    })
-    .map_err(Error::input)?;
+    };
+    let hand = hand(&args.hand, &args.tips)?;
+    let mut bench = Bench::with_hand(options, hand, args.table).map_err(Error::input)?;
     let settings = explore::Settings {
         criterion: args.criterion,
         candidates: match args.candidates {
@@ -180,6 +226,9 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
             name(args.criterion),
             args.until
         ));
+        if episode.stuck {
+            tell("no feasible grasp was left: this is what could be felt");
+        }
         tell_report(&outcome.report);
         tell(format!("results in {}", args.out.display()));
     }
@@ -272,6 +321,7 @@ fn result(settings: &explore::Settings, episode: &Episode, mut report: Value) ->
         .map(|a| {
             json!({
                 "contacts": a.contacts,
+                "refused": a.refused.as_ref().map(ToString::to_string),
                 "gain": a.gain,
                 "known": a.known,
                 "choosing_seconds": a.choosing,
@@ -281,6 +331,7 @@ fn result(settings: &explore::Settings, episode: &Episode, mut report: Value) ->
     let mut result = Map::new();
     result.insert("actions".into(), episode.actions.len().into());
     result.insert("reached".into(), episode.reached.into());
+    result.insert("stuck".into(), episode.stuck.into());
     for field in ["surface", "pose", "contacts", "contact_rms_mm"] {
         result.insert(field.into(), report[field].take());
     }
@@ -309,6 +360,7 @@ mod tests {
             gain: (k > 0).then_some(1.5),
             choosing: 0.25,
             contacts: 5,
+            refused: None,
             known: (k + 1) as f64 / 30.0,
         };
         let few: Vec<Action> = (0..2).map(action).collect();
@@ -325,5 +377,75 @@ mod tests {
         );
         assert!(!text.contains("\n     6 "), "{text}");
         assert_eq!(text.lines().last().map(|l| l.chars().count()), Some(8 + 30));
+    }
+
+    use clap::Parser;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: ExploreArgs,
+    }
+
+    fn line(words: &[&str]) -> Result<Line, clap::Error> {
+        Line::try_parse_from([&["explore"][..], words].concat())
+    }
+
+    fn refused(words: &[&str]) -> String {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("out");
+        let line = line(&[words, &["--out", out.to_str().unwrap()][..]].concat()).unwrap();
+        let error = run(&line.args).unwrap_err();
+        assert!(!out.exists(), "nothing is written");
+        error.to_string()
+    }
+
+    #[test]
+    fn hands_that_make_no_sense_are_explained() {
+        let planar = refused(&["--object", "rectangle:0.1x0.06", "--hand", "five-finger"]);
+        assert!(planar.contains("closes around solids only"), "{planar}");
+        let table = refused(&["--object", "box:0.1x0.06x0.06", "--table"]);
+        assert!(table.contains("--table: expected an articulated hand"), "{table}");
+        let missing = refused(&["--object", "box:0.1x0.06x0.06", "--hand", "no/such.urdf"]);
+        assert!(missing.starts_with("no/such.urdf: cannot read"), "{missing}");
+        let tips = ["--object", "box:0.1x0.06x0.06", "--hand", "five-finger", "--tips", "a"];
+        assert!(refused(&tips).starts_with("--tips"));
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("fist.urdf");
+        std::fs::write(&file, "<robot name=\"fist\"><link name=\"palm\"/></robot>").unwrap();
+        let none = refused(&["--object", "sphere:0.08", "--hand", file.to_str().unwrap()]);
+        assert!(none.contains("no fingertip"), "{none}");
+        let unknown = line(&["--object", "sphere:0.08", "--hand", "three-finger"]).unwrap_err();
+        assert!(unknown.to_string().contains("five-finger or a file ending in .urdf"), "{unknown}");
+    }
+
+    #[test]
+    fn a_hand_from_a_file_explores_and_leaves_a_log() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("mine.urdf");
+        let text = include_str!("../../assets/hand/five_finger.urdf");
+        std::fs::write(&file, text.replace("five_finger", "mine")).unwrap();
+        let out = folder.path().join("out");
+        let line = line(&[
+            "--object",
+            "box:0.06x0.06x0.06",
+            "--hand",
+            file.to_str().unwrap(),
+            "--table",
+            "--tips",
+            "ff_distal,th_distal",
+            "--count",
+            "10",
+            "--max-actions",
+            "3",
+            "--json",
+            "--out",
+            out.to_str().unwrap(),
+        ]);
+        run(&line.unwrap().args).unwrap();
+        let log = crate::log::GraspLog::read(&out.join("log.jsonl")).unwrap();
+        assert_eq!(log.fingers, ["ff_distal", "th_distal"]);
+        assert_eq!(log.grasps.len(), 3);
+        assert_eq!(log.grasps[0].contacts.len(), 5);
     }
 }

@@ -13,12 +13,13 @@ use crate::experiment::chapter2::{self, FIGURES};
 use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{
     calibration, chapter3, data, exploration, graphs, localization, memory, outliers, pose_graphs,
-    push, sensing, shapes, tracking,
+    probing, push, sensing, shapes, solids, tracking,
 };
 use crate::graph;
 use crate::log::write::write_atomically;
 use crate::quantity::{self, Deviation};
 use crate::view::drawing::{Drawing, PictureError};
+use crate::slam::trackers::Kind;
 
 /// Repeat an experiment: the thesis' number, or our goal, beside ours.
 #[derive(Debug, Args)]
@@ -48,6 +49,7 @@ impl ReproduceArgs {
             name if EXPLORATION.contains(&name) => 40,
             MUJOCO => 1,
             POSE_GRAPHS | POSE_GRAPH_OUTLIERS => 5,
+            name if SOLIDS.contains(&name) => 10,
             _ => 20,
         })
     }
@@ -92,9 +94,18 @@ impl PartArgs {
     /// The options that were given, each with the experiments that take it.
     fn given(&self) -> impl Iterator<Item = (&'static str, &'static [&'static str])> {
         const COMPARISONS: &[&str] =
-            &[SHAPES, TRACKING, CONSISTENCY, POSE_GRAPH_OUTLIERS, EXPLORATION[0], EXPLORATION[1]];
+            &[
+                SHAPES,
+                TRACKING,
+                CONSISTENCY,
+                POSE_GRAPH_OUTLIERS,
+                EXPLORATION[0],
+                EXPLORATION[1],
+                SOLIDS[0],
+                SOLIDS[1],
+            ];
         const NOISY: &[&str] = &[SHAPES, TRACKING, CONSISTENCY];
-        const TRACKERS: &[&str] = &[TRACKING, CONSISTENCY, MUJOCO];
+        const TRACKERS: &[&str] = &[TRACKING, CONSISTENCY, MUJOCO, SOLIDS[1]];
         const SIMULATED: &[&str] = &[TRACKING, CONSISTENCY];
         const ALL: &[&str] = &[
             SHAPES,
@@ -105,6 +116,8 @@ impl PartArgs {
             POSE_GRAPH_OUTLIERS,
             EXPLORATION[0],
             EXPLORATION[1],
+            SOLIDS[0],
+            SOLIDS[1],
         ];
         const CORRECTED: &[&str] = &[TRACKING, MUJOCO];
         let options: [(_, &'static [&'static str], bool); 8] = [
@@ -136,6 +149,9 @@ const MUJOCO: &str = "mujoco";
 /// Actions until a shape is known.
 const EXPLORATION: [&str; 2] = ["table-4.2", "table-4.3"];
 
+/// Grasps until a spatial object is known.
+const SOLIDS: [&str; 2] = ["solids", "solids-moving"];
+
 /// The standard pose graphs of the field; seeds are repetitions.
 const POSE_GRAPHS: &str = "pose-graphs";
 
@@ -147,7 +163,7 @@ const WRENCH: &str = "sensing-wrench";
 const ELECTRODES: &str = "sensing-electrodes";
 
 /// What is quick and no figure of the thesis.
-const OTHERS: [&str; 3] = ["push", WRENCH, ELECTRODES];
+const OTHERS: [&str; 4] = ["push", WRENCH, ELECTRODES, probing::NAME];
 
 /// Not part of `all`, which would take hours with them.
 const LONG: [&str; 9] = [
@@ -166,8 +182,9 @@ fn names() -> Vec<&'static str> {
     let figures = FIGURES.iter().map(|f| f.name);
     let tracked = chapter3::FIGURES.iter().map(|f| f.name);
     let corrected = graphs::FIGURES.iter().map(|f| f.name);
-    let own = OTHERS.into_iter().chain(LONG).chain(EXPLORATION);
-    figures.chain(tracked).chain(corrected).chain(own).chain(["all"]).collect()
+    let solid = solids::figures::FIGURES.iter().map(|f| f.name);
+    let own = OTHERS.into_iter().chain(LONG).chain(EXPLORATION).chain(SOLIDS);
+    figures.chain(tracked).chain(corrected).chain(solid).chain(own).chain(["all"]).collect()
 }
 
 /// What an experiment gave: numbers to read, the same for programs, pictures.
@@ -237,14 +254,18 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
         TRACKING | CONSISTENCY => return compare_trackers(args),
         MUJOCO => return follow_recordings(args),
         name if EXPLORATION.contains(&name) => return count_actions(args),
+        name if SOLIDS.contains(&name) => return explore_solids(args),
         POSE_GRAPHS => return optimise_graphs(args),
         POSE_GRAPH_OUTLIERS => return spoil_graphs(args),
         _ => (),
     }
     let wanted = |name: &&str| match args.name.as_str() {
         "all" => {
-            let slow = chapter3::figure(name).is_some() || graphs::figure(name).is_some();
-            *name != "all" && !LONG.contains(name) && !EXPLORATION.contains(name) && !slow
+            let slow = chapter3::figure(name).is_some()
+                || graphs::figure(name).is_some()
+                || solids::figures::figure(name).is_some();
+            let long = LONG.contains(name) || EXPLORATION.contains(name) || SOLIDS.contains(name);
+            *name != "all" && !long && !slow
         }
         one => one == *name,
     };
@@ -351,6 +372,27 @@ fn count_actions(args: &ReproduceArgs) -> Result<(), Error> {
     conclude(args, &Outcome::pictured(name, &table, table.picture())?)
 }
 
+/// Grasps until solids are known, row by row as they are done.
+fn explore_solids(args: &ReproduceArgs) -> Result<(), Error> {
+    let [fixed, moving] = SOLIDS;
+    let PartArgs { object, first_seed, tracker, .. } = &args.part;
+    let (name, moving) = if args.name == fixed { (fixed, None) } else { (moving, Some(tracker)) };
+    let follows = |contender: &Contender| match contender {
+        Contender::Tracker(kind) => Ok(*kind),
+        _ => Err(Error::input("--tracker: solids-moving takes one of ours")),
+    };
+    let moving = moving.map(|given| given.first().map_or(Ok(Kind::Hypotheses), follows));
+    let first = first_seed.unwrap_or(0);
+    let selection = solids::Selection {
+        objects: object.clone(),
+        seeds: first..first.saturating_add(args.seeds()),
+        moving: moving.transpose()?,
+    };
+    let rows = watch(args, solids::heading());
+    let table = solids::run(data().as_deref(), &selection, rows).map_err(Error::input)?;
+    conclude(args, &Outcome::new(name, &table, None)?)
+}
+
 /// The pose graphs, row by row as they are done.
 fn optimise_graphs(args: &ReproduceArgs) -> Result<(), Error> {
     let rows = watch(args, pose_graphs::heading());
@@ -409,6 +451,10 @@ fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
         let drawn = figure.draw(data().as_deref(), args.seeds()).map_err(Error::failure)?;
         return Outcome::pictured(name, &drawn, Ok(drawn.picture.clone()));
     }
+    if let Some(figure) = solids::figures::figure(name) {
+        let drawn = figure.draw(args.seeds()).map_err(Error::failure)?;
+        return Outcome::pictured(name, &drawn, Ok(drawn.picture.clone()));
+    }
     if name == "calibration" {
         let table = calibration::run(data().as_deref(), 0, args.seeds()).map_err(Error::failure)?;
         return Outcome::pictured(name, &table, table.picture());
@@ -420,6 +466,10 @@ fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
     if name == "table-3.1" {
         let table = localization::run(data().as_deref(), args.seeds()).map_err(Error::failure)?;
         return Outcome::pictured(name, &table, table.picture());
+    }
+    if name == probing::NAME {
+        let figure = probing::run(args.seeds()).map_err(Error::failure)?;
+        return Outcome::pictured(name, &figure, Ok(figure.picture.clone()));
     }
     if name == WRENCH {
         let table = sensing::wrench::run(args.seeds()).map_err(Error::failure)?;

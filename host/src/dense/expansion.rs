@@ -348,11 +348,51 @@ impl super::Cholesky {
         of: &[Functional],
         shared: (&DMatrix<f64>, &DMatrix<f64>),
     ) -> Vec<f64> {
+        let mut squares = Vec::with_capacity(of.len());
+        self.whiten(sites, kernel, of, shared, |sides, count| {
+            let end = squares.len() + count;
+            squares.extend(sides.squares());
+            squares.resize(end, 0.0);
+        });
+        squares
+    }
+
+    /// L⁻¹ c of each functional, one a column, with L the factor and c as in
+    /// [`explained`](Self::explained): products of two columns are what the rows explain of the
+    /// covariance of two functionals.
+    pub fn whitened(
+        &self,
+        sites: &Sites,
+        kernel: &Kernel,
+        of: &[Functional],
+        shared: (&DMatrix<f64>, &DMatrix<f64>),
+    ) -> DMatrix<f64> {
+        let mut columns = DMatrix::zeros(self.rows(), of.len());
+        let mut first = 0;
+        self.whiten(sites, kernel, of, shared, |sides, count| {
+            for side in 0..count {
+                for (row, to) in columns.column_mut(first + side).iter_mut().enumerate() {
+                    *to = *sides.at(side, row);
+                }
+            }
+            first += count;
+        });
+        columns
+    }
+
+    /// Hands L⁻¹ c to `take`, as many functionals at a time as are solved together, with their number.
+    fn whiten(
+        &self,
+        sites: &Sites,
+        kernel: &Kernel,
+        of: &[Functional],
+        shared: (&DMatrix<f64>, &DMatrix<f64>),
+        mut take: impl FnMut(&mut Sides, usize),
+    ) {
         // One stretch of memory, used again and again.
         let mut sides = Sides::zeros(self.rows(), of.len().min(GROUP * WIDTH));
-        let mut squares = Vec::with_capacity(of.len());
+        let mut first = 0;
         for of in of.chunks(GROUP * WIDTH) {
-            let first = squares.len();
             sites.cross(kernel, of, &mut sides);
             if shared.0.ncols() > 0 {
                 let more = shared.0 * shared.1.columns(first, of.len());
@@ -363,9 +403,8 @@ impl super::Cholesky {
                 }
             }
             self.forward_sides(&mut sides);
-            squares.extend(sides.squares());
-            squares.resize(first + of.len(), 0.0);
+            take(&mut sides, of.len());
+            first += of.len();
         }
-        squares
     }
 }

@@ -13,10 +13,12 @@ pub mod outliers;
 mod peak;
 mod pictures;
 pub mod pose_graphs;
+pub mod probing;
 pub mod proportion;
 pub mod push;
 pub mod sensing;
 pub mod shapes;
+pub mod solids;
 pub mod touches;
 pub mod tracking;
 

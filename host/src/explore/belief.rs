@@ -4,9 +4,10 @@ use nalgebra::{Matrix6, Point3, Vector6};
 
 use crate::log::{GraspLog, LoggedGrasp};
 use crate::reference::{Contact, Gpis};
-use crate::shape::Geometry;
-use crate::slam::fit::fit;
-use crate::slam::reconstruct::{self, extract, free, place};
+use crate::shape::{Field, Geometry};
+use crate::sim::Hand;
+use crate::slam::fit::{self, Model};
+use crate::slam::reconstruct::{self, extract, extract_at, free, place};
 use crate::slam::track::Step;
 use crate::slam::{deviations, usual_deviations};
 use crate::space::{Point, Pose};
@@ -35,7 +36,22 @@ pub struct Belief {
     pub covariance: Matrix6<f64>,
     /// Standard deviations of a contact: metres and radians.
     pub noise: (f64, f64),
+    /// What touches: the idealised hand until told otherwise.
+    pub hand: Hand,
+    /// What the surface is about, with its hyper-parameters, and how many contacts chose it.
+    model: Model,
+    chosen_by: usize,
 }
+
+/// Contacts of a spatial object that choose what its surface is about, and its hyper-parameters, at
+/// most: those that come after say where the surface is, and little more about its kind.
+const DECIDING: [usize; 2] = [40, 40];
+
+/// A model is kept until there are so many times as many contacts as chose it.
+const KEPT: f64 = 1.3;
+
+/// Lattice cells across the contacts' bounding box in space: rays need no finer surface.
+const CELLS: f64 = 24.0;
 
 impl Belief {
     /// From everything felt so far and the poses found for it, with the covariances that say how
@@ -44,11 +60,42 @@ impl Belief {
     /// # Errors
     /// Without contacts, or when they make no surface.
     pub fn new(log: &GraspLog, steps: &[Step]) -> Result<Belief, reconstruct::Error> {
+        Self::build(log, steps, None)
+    }
+
+    /// The same after one more grasp of the object at poses that stay as they were. In space, what the
+    /// surface is about, and its hyper-parameters, are only sought again when there are a third more
+    /// contacts than at the last time.
+    ///
+    /// # Errors
+    /// As [`Belief::new`].
+    pub fn after(&self, log: &GraspLog, steps: &[Step]) -> Result<Belief, reconstruct::Error> {
+        Self::build(log, steps, Some(self))
+    }
+
+    fn build(
+        log: &GraspLog,
+        steps: &[Step],
+        before: Option<&Belief>,
+    ) -> Result<Belief, reconstruct::Error> {
         let dimension = log.dimension;
         let Some(last) = steps.last() else { return Err(reconstruct::Error::NoContacts) };
         let mut contacts: Vec<Contact> = place(log, steps).iter().map(|p| p.contact).collect();
-        let (_, surface) = fit(dimension, &contacts, &free(log, steps))?;
-        let (geometry, _) = extract(dimension, &surface, &contacts)?;
+        let still =
+            |b: &&Belief| dimension == 3 && (contacts.len() as f64) < KEPT * b.chosen_by as f64;
+        let (model, chosen_by) = match before.filter(still) {
+            Some(before) => (before.model.clone(), before.chosen_by),
+            None if dimension == 2 => (fit::model(dimension, &contacts)?, contacts.len()),
+            None => (fit::model_of(dimension, &contacts, DECIDING)?, contacts.len()),
+        };
+        let surface = model.opened(dimension, &contacts, &free(log, steps))?;
+        let certain = Certain(&surface);
+        let (geometry, _) = match dimension {
+            2 => extract(dimension, &certain, &contacts)?,
+            _ => extract_at(dimension, &certain, &contacts, CELLS)?,
+        };
+        // Makes the tree that rays are cast into, so that no choice waits for it.
+        let _ = geometry.distance(&Point::zeros());
         let points = contacts.iter().map(|c| (c.point, c.point));
         let (low, high) = points
             .reduce(|(low, high), (p, _)| (low.inf(&p), high.sup(&p)))
@@ -66,7 +113,28 @@ impl Belief {
             modes,
             covariance: last.covariance + motion(log),
             noise: usual_deviations(&log.noise),
+            hand: Hand::Idealised,
+            model,
+            chosen_by,
         })
+    }
+}
+
+/// A surface whose deviations nobody asks for: at every vertex of a mesh they would take longer than
+/// the mesh.
+struct Certain<'a>(&'a Gpis);
+
+impl Field for Certain<'_> {
+    fn values(&self, points: &[Point]) -> Vec<f64> {
+        self.0.values(points)
+    }
+
+    fn deviations(&self, points: &[Point]) -> Vec<f64> {
+        vec![0.0; points.len()]
+    }
+
+    fn first_order(&self, points: &[Point], step: f64) -> Vec<(f64, Point)> {
+        self.0.first_order(points, step)
     }
 }
 

@@ -10,7 +10,7 @@ use crate::shape::{Field, Geometry};
 use crate::space::{Point, Pose};
 
 /// Points of the true surface that are looked at.
-const SAMPLES: usize = 320;
+pub(super) const SAMPLES: usize = 320;
 
 /// Share of the surface that must be known.
 pub const SHARE: f64 = 0.9;
@@ -64,9 +64,13 @@ impl Until {
     /// `truth` (true object frame to believed object frame). `Gain` looks as `Strict` does and asks
     /// for nothing.
     pub fn known(&self, belief: &Belief, shape: &Geometry, truth: &Pose) -> (f64, f64) {
-        let place = |(p, _): (Point, Point)| truth * nalgebra::Point3::from(p);
-        let points: Vec<Point> =
-            shape.samples(SAMPLES).into_iter().map(|s| place(s).coords).collect();
+        self.known_of(belief, &shape.samples(SAMPLES), truth)
+    }
+
+    /// The same of a part of the surface, given as points with their normals.
+    pub fn known_of(&self, belief: &Belief, part: &[(Point, Point)], truth: &Pose) -> (f64, f64) {
+        let place = |(p, _): &(Point, Point)| (truth * nalgebra::Point3::from(*p)).coords;
+        let points: Vec<Point> = part.iter().map(place).collect();
         let (deviation, error) = match self {
             Until::Coverage(share) => {
                 let near =

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector, Matrix6, Vector6};
 
 use super::belief::Belief;
 use super::pose_gain::{self, PoseMeasure};
-use super::prediction::Expected;
+use super::prediction::{Expected, Prediction};
 use crate::reference::Contact;
 
 /// α of the Rényi entropy: heavy hypotheses count more than with Shannon's.
@@ -78,27 +78,36 @@ impl Criterion {
         match self {
             Criterion::Random | Criterion::NoRepeat => vec![0.0; grasps.len()],
             Criterion::Igef => grasps.iter().map(|g| igef(belief, g)).collect(),
-            Criterion::MutualInformation => grasps.iter().map(|g| about_pose(belief, g)).collect(),
-            Criterion::Shannon => pose_gain::gains(belief, grasps, PoseMeasure::Shannon),
-            Criterion::Renyi => pose_gain::gains(belief, grasps, PoseMeasure::Renyi(ALPHA)),
-            Criterion::Kl => pose_gain::gains(belief, grasps, PoseMeasure::Divergence),
-            Criterion::DetSigma => pose_gain::gains(belief, grasps, PoseMeasure::Determinant),
+            _ => self.worth(belief, &Prediction::of(&belief.surface, grasps.to_vec())),
+        }
+    }
+
+    /// The same for grasps about whose contacts is known already what the surface says.
+    pub fn worth(self, belief: &Belief, prediction: &Prediction) -> Vec<f64> {
+        let Prediction { contacts: grasps, covariances } = prediction;
+        let measured = |measure| pose_gain::gains(belief, prediction, measure);
+        let pairs = grasps.iter().zip(covariances);
+        match self {
+            Criterion::Random | Criterion::NoRepeat => vec![0.0; grasps.len()],
+            Criterion::Igef => grasps.iter().map(|g| igef(belief, g)).collect(),
+            Criterion::MutualInformation => pairs.map(|(g, s)| about_pose(belief, g, s)).collect(),
+            Criterion::Shannon => measured(PoseMeasure::Shannon),
+            Criterion::Renyi => measured(PoseMeasure::Renyi(ALPHA)),
+            Criterion::Kl => measured(PoseMeasure::Divergence),
+            Criterion::DetSigma => measured(PoseMeasure::Determinant),
             Criterion::Variance | Criterion::VarianceSum => {
-                grasps.iter().map(|g| self.spread(belief, g)).collect()
+                pairs.map(|(g, s)| self.spread(g, s)).collect()
             }
             Criterion::Information | Criterion::Entropy => {
-                let covariances = covariances(belief, grasps);
-                let pairs = grasps.iter().zip(covariances);
-                pairs.map(|(g, s)| self.information(belief, g, s)).collect()
+                pairs.map(|(g, s)| self.information(belief, g, s.clone())).collect()
             }
         }
     }
 
     /// Variances times the chance to see them.
-    fn spread(self, belief: &Belief, contacts: &[Expected]) -> f64 {
-        let points: Vec<_> = contacts.iter().map(|e| e.point).collect();
-        let variances = belief.surface.variances(&points);
-        let worth = variances.iter().zip(contacts).map(|(v, e)| v * e.chance);
+    fn spread(self, contacts: &[Expected], covariance: &DMatrix<f64>) -> f64 {
+        let diagonal = covariance.diagonal();
+        let worth = diagonal.iter().zip(contacts).map(|(v, e)| v.max(0.0) * e.chance);
         if self == Criterion::Variance { worth.fold(0.0, f64::max) } else { worth.sum() }
     }
 
@@ -135,22 +144,14 @@ fn half_log_determinant(matrix: DMatrix<f64>) -> f64 {
     matrix.cholesky().map_or(0.0, |c| c.l_dirty().diagonal().iter().map(|d| d.ln()).sum())
 }
 
-/// Joint covariance of the surface at the contacts of each grasp, m².
-fn covariances(belief: &Belief, grasps: &[Vec<Expected>]) -> Vec<DMatrix<f64>> {
-    let groups: Vec<Vec<_>> = grasps.iter().map(|g| g.iter().map(|e| e.point).collect()).collect();
-    belief.surface.joint_each(&groups)
-}
-
 /// Mutual information of the pose and the contacts of a grasp: ½ log det(I + Σ Jᵀ R⁻¹ J), the shape's
 /// own doubt being part of R.
-fn about_pose(belief: &Belief, contacts: &[Expected]) -> f64 {
-    let points: Vec<_> = contacts.iter().map(|e| e.point).collect();
-    let variances = belief.surface.variances(&points);
+fn about_pose(belief: &Belief, contacts: &[Expected], covariance: &DMatrix<f64>) -> f64 {
     let (point, normal) = belief.noise;
     let mut information = Matrix6::zeros();
-    for (e, v) in contacts.iter().zip(variances) {
+    for (e, v) in contacts.iter().zip(covariance.diagonal().iter()) {
         let h = row(e);
-        information += h * h.transpose() * (e.chance / (point * point + v));
+        information += h * h.transpose() * (e.chance / (point * point + v.max(0.0)));
         // The normal turns with the object about every axis but itself.
         let mut turns = Matrix6::zeros();
         let across = nalgebra::Matrix3::identity() - e.normal * e.normal.transpose();

@@ -1,14 +1,18 @@
 //! The contacts that a grasp would give, by the belief: rays against the believed shape, with the
 //! chance that a finger meets anything at all.
 
-use nalgebra::Point3;
+use nalgebra::{DMatrix, Point3};
 
 use super::belief::Belief;
 use super::placement::Placement;
+use super::swept;
+use crate::reference::Gpis;
+use crate::sim::Hand;
+use crate::sim::touch::Stroke;
 use crate::space::Point;
 
 /// Points along the rest of a ray at which its depth in the object is looked for.
-const DEPTHS: usize = 8;
+pub(super) const DEPTHS: usize = 8;
 
 /// A contact to be expected, object frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,32 +29,81 @@ pub struct Expected {
     pub chance: f64,
 }
 
+/// What some grasps would feel, each on its own.
+#[derive(Clone, Debug)]
+pub struct Prediction {
+    /// The contacts of each grasp.
+    pub contacts: Vec<Vec<Expected>>,
+    /// Joint covariance of the surface at them, m², one matrix a grasp.
+    pub covariances: Vec<DMatrix<f64>>,
+}
+
+impl Prediction {
+    /// Of contacts that are to be expected: what the believed surface says about them together.
+    pub fn of(surface: &Gpis, contacts: Vec<Vec<Expected>>) -> Prediction {
+        let points = |grasp: &Vec<Expected>| grasp.iter().map(|e| e.point).collect();
+        let groups: Vec<Vec<Point>> = contacts.iter().map(points).collect();
+        let covariances = surface.joint_each(&groups);
+        Prediction { contacts, covariances }
+    }
+}
+
 /// The contacts of the fingers whose rays meet the believed shape, for each placement.
 pub fn predict(belief: &Belief, placements: &[Placement]) -> Vec<Vec<Expected>> {
-    let mut depths: Vec<Point> = Vec::new();
-    let mut all: Vec<Vec<Expected>> = Vec::with_capacity(placements.len());
-    for placement in placements {
-        let off = (placement.hand.translation.vector - belief.centre).norm();
-        let mut contacts = Vec::new();
-        for stroke in placement.strokes(belief.dimension, belief.radius + off) {
-            let start = (placement.hand * Point3::from(stroke.start)).coords;
-            let direction = placement.hand.rotation * stroke.direction;
-            if let Some((along, normal)) = belief.geometry.cast(&start, &direction, stroke.travel) {
-                let point = start + along * direction;
-                let step = (stroke.travel - along).min(belief.radius) / DEPTHS as f64;
-                depths.extend((1..=DEPTHS).map(|k| point + direction * (step * k as f64)));
-                contacts.push(Expected { finger: stroke.finger, point, normal, chance: 1.0 });
-            }
-        }
-        all.push(contacts);
-    }
+    foresee(belief, placements).contacts
+}
+
+/// The same with what the surface says about the contacts of each placement together. All of them are
+/// solved for at once, which is what the time of a choice goes into: criteria take it from here.
+pub fn foresee(belief: &Belief, placements: &[Placement]) -> Prediction {
+    let met: Vec<Vec<Met>> = match &belief.hand {
+        Hand::Idealised => placements.iter().map(|p| along_rays(belief, p)).collect(),
+        Hand::Articulated(hand) => swept::met(hand, belief, placements),
+    };
+    let depths: Vec<Point> = met.iter().flatten().flat_map(|m| m.deeper).collect();
+    let radii: Vec<f64> = met.iter().flatten().map(|m| m.radius).collect();
+    let contacts = |grasp: &Vec<Met>| grasp.iter().map(|m| m.contact).collect();
+    let all = met.iter().map(contacts).collect();
+    let mut prediction = Prediction::of(&belief.surface, all);
     let values = belief.surface.means(&depths);
-    let points: Vec<Point> = all.iter().flatten().map(|e| e.point).collect();
-    let variances = belief.surface.variances(&points);
-    let deepest = values.chunks_exact(DEPTHS).map(|d| d.iter().copied().fold(0.0, f64::min));
-    let chances = deepest.zip(variances).map(|(deep, v)| normal_below(-deep / v.sqrt().max(1e-6)));
-    all.iter_mut().flatten().zip(chances).for_each(|(expected, chance)| expected.chance = chance);
-    all
+    let deepest = values
+        .chunks_exact(DEPTHS)
+        .zip(radii)
+        .map(|(d, radius)| d.iter().fold(0.0, |least: f64, v| least.min(v - radius)));
+    let variances = prediction.covariances.iter().flat_map(|c| c.diagonal().data.as_vec().clone());
+    let chances = deepest
+        .zip(variances)
+        .map(|(deep, variance)| normal_below(-deep / variance.max(0.0).sqrt().max(1e-6)));
+    let contacts = prediction.contacts.iter_mut().flatten();
+    contacts.zip(chances).for_each(|(expected, chance)| expected.chance = chance);
+    prediction
+}
+
+/// What a finger meets on its way, by the belief.
+pub(super) struct Met {
+    /// Its chance not yet known.
+    pub contact: Expected,
+    /// Places of the fingertip on the rest of its way, object frame.
+    pub deeper: [Point; DEPTHS],
+    /// Of the fingertip, metres.
+    pub radius: f64,
+}
+
+/// What the fingers of the idealised hand meet.
+fn along_rays(belief: &Belief, placement: &Placement) -> Vec<Met> {
+    let off = (placement.hand.translation.vector - belief.centre).norm();
+    let strokes = placement.strokes(belief.dimension, belief.radius + off);
+    let met = |stroke: &Stroke| {
+        let start = (placement.hand * Point3::from(stroke.start)).coords;
+        let direction = placement.hand.rotation * stroke.direction;
+        let (along, normal) = belief.geometry.cast(&start, &direction, stroke.travel)?;
+        let point = start + along * direction;
+        let step = (stroke.travel - along).min(belief.radius) / DEPTHS as f64;
+        let deeper = std::array::from_fn(|k| point + direction * (step * (k + 1) as f64));
+        let contact = Expected { finger: stroke.finger, point, normal, chance: 1.0 };
+        Some(Met { contact, deeper, radius: 0.0 })
+    };
+    strokes.iter().filter_map(met).collect()
 }
 
 /// Φ(z) to three digits (logistic approximation of Bowling et al. 2009).

@@ -351,20 +351,10 @@ impl Gpis {
 
     /// L⁻¹ k(contacts, points), one point a column.
     fn explained(&self, points: &[Point]) -> DMatrix<f64> {
-        let mut cross = DMatrix::from_fn(self.rows(), points.len(), |i, j| {
-            let o = &self.observations[i];
-            let e = o.point - points[j];
-            let k = self.kernel.radial(e.norm());
-            match o.part {
-                Part::Value => k.value,
-                Part::Slope(axis) => k.slope * e[axis],
-            }
-        });
-        if !self.shifts.is_empty() {
-            cross.gemm(1.0, &self.modes, &self.values_of_modes(points), 1.0);
-        }
-        self.cholesky.forward(&mut cross);
-        cross
+        let asked = |p: &Point| Functional { point: *p, value: 1.0, slopes: Point::zeros() };
+        let of: Vec<Functional> = points.iter().map(asked).collect();
+        let modes = self.modes_at(&of);
+        self.cholesky.whitened(&self.sites, &self.kernel, &of, (&self.modes, &modes))
     }
 
     /// Prior covariance of the values at the points, less what is explained.

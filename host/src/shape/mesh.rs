@@ -4,8 +4,8 @@ use std::collections::HashMap;
 use std::sync::OnceLock;
 
 use parry3d_f64::math::Vector;
-use parry3d_f64::query::{PointQuery, Ray, RayCullingMode};
-use parry3d_f64::shape::{TriMesh, TriMeshFlags};
+use parry3d_f64::query::{ClosestPoints, PointQuery, Ray, RayCullingMode, closest_points};
+use parry3d_f64::shape::{Shape, TriMesh, TriMeshFlags};
 
 use super::ShapeError;
 use crate::space::{Point, Pose};
@@ -122,6 +122,28 @@ impl Mesh {
         Some((hit.time_of_impact, normal.try_normalize(0.0)?))
     }
 
+    /// The nearest points of the surface and of a convex body at `pose` (body to mesh frame), mesh frame;
+    /// `None` when they are more than `within` metres apart. Where the two meet, both are the point of the
+    /// surface nearest to the body's middle. A body that lies inside meets nothing.
+    ///
+    /// The body must not be parry's cuboid, whose distance from a triangle is only an estimate there (the
+    /// hull of its corners has a true one).
+    pub fn nearest(&self, body: &dyn Shape, pose: &Pose, within: f64) -> Option<(Point, Point)> {
+        let tree = self.tree()?;
+        let origin = parry3d_f64::math::Pose::IDENTITY;
+        match closest_points(&origin, tree, &parry(pose), body, within) {
+            Ok(ClosestPoints::WithinMargin(a, b)) => {
+                Some((Point::new(a.x, a.y, a.z), Point::new(b.x, b.y, b.z)))
+            }
+            Ok(ClosestPoints::Intersecting) => {
+                let middle = body.compute_aabb(&parry(pose)).center();
+                let at = self.closest(&Point::new(middle.x, middle.y, middle.z));
+                Some((at, at))
+            }
+            Ok(ClosestPoints::Disjoint) | Err(_) => None,
+        }
+    }
+
     /// Whether every edge is shared by exactly two triangles that run it in opposite directions:
     /// a closed, consistently oriented surface. False for the mesh of nothing.
     pub fn is_watertight(&self) -> bool {
@@ -195,6 +217,15 @@ impl Mesh {
 
 fn glam(p: &Point) -> Vector {
     Vector::new(p.x, p.y, p.z)
+}
+
+/// The pose as parry has it.
+pub fn parry(pose: &Pose) -> parry3d_f64::math::Pose {
+    let q = pose.rotation.quaternion();
+    parry3d_f64::math::Pose::from_parts(
+        glam(&pose.translation.vector),
+        parry3d_f64::math::Rotation::from_xyzw(q.i, q.j, q.k, q.w),
+    )
 }
 
 /// The n-th point of the additive recurrence of the plastic number in the unit square.

@@ -87,6 +87,15 @@ pub enum SimError {
         /// What is there.
         found: String,
     },
+    /// A planar object for a hand that closes around solids.
+    #[error(
+        "{object} is planar, and an articulated hand closes around solids only: prism:HEIGHT,{object} \
+         makes it one where it is convex, lshape and tshape take a height"
+    )]
+    Planar {
+        /// The object.
+        object: String,
+    },
     /// No finger reaches the object.
     #[error(
         "grasp {grasp}: the hand closed on nothing in {ATTEMPTS} attempts; is {object} too small?"

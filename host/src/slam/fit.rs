@@ -50,9 +50,8 @@ struct Candidate {
 /// # Errors
 /// Without contacts, or when they are too many or too coincident for a dense surface.
 pub fn fit(dimension: usize, contacts: &[Contact], free: &[Free]) -> Result<(Kernel, Gpis), Error> {
-    let Model { kernel, body, noise, .. } = model(dimension, contacts)?;
-    let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(noise)).collect();
-    Ok((kernel, open(dimension, kernel, body, &contacts, free)?))
+    let model = model(dimension, contacts)?;
+    Ok((model.kernel, model.opened(dimension, contacts, free)?))
 }
 
 /// What explains contacts best, for surfaces of other contacts of the same object.
@@ -78,6 +77,20 @@ impl Model {
         let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(self.noise)).collect();
         Gpis::fit(dimension, self.kernel, self.body.clone(), Training::Derivative, &contacts)
     }
+
+    /// The surface of these contacts that leaves the points `free` outside.
+    ///
+    /// # Errors
+    /// As [`surface`](Model::surface).
+    pub fn opened(
+        &self,
+        dimension: usize,
+        contacts: &[Contact],
+        free: &[Free],
+    ) -> Result<Gpis, SurfaceError> {
+        let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(self.noise)).collect();
+        open(dimension, self.kernel, self.body.clone(), &contacts, free)
+    }
 }
 
 /// The model of [`fit`].
@@ -85,10 +98,23 @@ impl Model {
 /// # Errors
 /// As [`fit`].
 pub fn model(dimension: usize, contacts: &[Contact]) -> Result<Model, Error> {
+    model_of(dimension, contacts, [JUDGING, DECIDING])
+}
+
+/// The same where at most so many contacts choose the body, and so many its hyper-parameters: the time
+/// grows with the cube of their numbers.
+///
+/// # Errors
+/// As [`fit`].
+pub fn model_of(
+    dimension: usize,
+    contacts: &[Contact],
+    [judges, deciders]: [usize; 2],
+) -> Result<Model, Error> {
     let Some(Prior::Ball { radius, .. }) = Prior::fitted(contacts) else {
         return Err(Error::NoContacts);
     };
-    let judging = spread(contacts, JUDGING);
+    let judging = spread(contacts, judges);
     let candidates: Vec<Result<Candidate, SurfaceError>> = bodies(dimension, contacts)
         .into_par_iter()
         .map(|(body, search)| Candidate::new(dimension, &judging, radius, body, search))
@@ -102,8 +128,8 @@ pub fn model(dimension: usize, contacts: &[Contact]) -> Result<Model, Error> {
             best = candidate;
         }
     }
-    if contacts.len() > JUDGING {
-        let deciding = spread(contacts, DECIDING);
+    if contacts.len() > judges {
+        let deciding = spread(contacts, deciders);
         best = Candidate::new(dimension, &deciding, radius, best.body, best.search)?;
     }
     let Found { kernel, noise, .. } = best.found;

@@ -1,0 +1,202 @@
+//! Delimiting an object: the flat hand moves from every side until it touches (thesis figure 4.2).
+
+use parry3d_f64::shape::SharedShape;
+
+use super::articulated::Articulated;
+use super::urdf::cuboid;
+use crate::shape::{Geometry, Mesh};
+use crate::space::{Point, Pose};
+
+/// How far from the middle of the workspace a move starts, metres.
+const START: f64 = 0.4;
+
+/// A flat hand nearer than this touches, metres.
+const TOUCHING: f64 = 4e-5;
+
+/// Between a flat hand on edge and the table, metres.
+const GAP: f64 = 1e-3;
+
+/// Half the thickness of a flat hand, metres: only its front touches.
+const HALF_THICKNESS: f64 = 1e-3;
+
+/// A hand held flat: a rectangular plate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plate {
+    /// The shorter side, metres, which stands upright in moves from the side.
+    pub width: f64,
+    /// The longer side, metres.
+    pub length: f64,
+}
+
+impl Plate {
+    /// One larger than any object on the bench: that of the idealised hand.
+    pub const LARGE: Plate = Plate { width: 40.0, length: 40.0 };
+
+    /// The open hand's: its two greatest extents.
+    pub fn of(hand: &Articulated) -> Plate {
+        let (low, high) = hand.extents();
+        let mut sides: [f64; 3] = (high - low).into();
+        sides.sort_by(f64::total_cmp);
+        Plate { width: sides[1], length: sides[2] }
+    }
+}
+
+/// What probing found, world frame, metres.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Probe {
+    /// Per axis, the touches of the moves along it: the one that came from the low side, and the one
+    /// from the high side; `None` where a move met nothing, or was not made because of the table.
+    pub sides: [[Option<Point>; 2]; 3],
+    /// Corners of the box around the object, as far as it was swept; the table's height where nothing
+    /// can come from below.
+    pub low: Point,
+    /// See `low`.
+    pub high: Point,
+    /// Guarded moves made.
+    pub moves: usize,
+}
+
+impl Probe {
+    /// The box that the touches of `sides` delimit.
+    fn new(sides: [[Option<Point>; 2]; 3], table: Option<f64>, moves: usize) -> Probe {
+        let touched = || sides.iter().flatten().flatten();
+        // A side that no move met ends where the other touches end.
+        let end = |axis: usize, side: usize| {
+            let along = touched().map(|p| p[axis]);
+            match (sides[axis][side], table) {
+                (Some(point), _) => point[axis],
+                (None, Some(height)) if axis == 2 && side == 0 => height,
+                _ if side == 0 => along.fold(f64::INFINITY, f64::min),
+                _ => along.fold(f64::NEG_INFINITY, f64::max),
+            }
+        };
+        let corner = |side: usize| Point::from_fn(|axis, _| end(axis, side));
+        Probe { sides, low: corner(0), high: corner(1), moves }
+    }
+
+    /// The same probing with its touches, in the order of [`Probe::touches`], as a sensor gives them.
+    pub(in crate::sim) fn sensed(
+        &self,
+        mut points: impl Iterator<Item = Point>,
+        table: Option<f64>,
+    ) -> Probe {
+        let mut sides = self.sides;
+        for touch in sides.iter_mut().flatten().flatten() {
+            *touch = points.next().unwrap_or(*touch);
+        }
+        Probe::new(sides, table, self.moves)
+    }
+
+    /// The touches, each with the outward direction of its side.
+    pub fn touches(&self) -> impl Iterator<Item = (Point, Point)> + '_ {
+        let of = |axis: usize, side: usize| {
+            let outward = Point::ith(axis, if side == 0 { -1.0 } else { 1.0 });
+            self.sides[axis][side].map(|point| (point, outward))
+        };
+        (0..6).filter_map(move |k| of(k / 2, k % 2))
+    }
+}
+
+/// Moves the plate against the object from every side: from above first, then from the sides at half the
+/// height found. `None` when no move meets anything.
+pub(in crate::sim) fn probe(
+    geometry: &Geometry,
+    object: &Pose,
+    table: Option<f64>,
+    plate: &Plate,
+) -> Option<Probe> {
+    let mut sides = [[None; 2]; 3];
+    let mut moves = 0;
+    // What is known of the object's box, NaN where nothing is.
+    let (mut low, mut high) = (Point::repeat(f64::NAN), Point::repeat(f64::NAN));
+    if let Some(height) = table {
+        low.z = height;
+    }
+    for (axis, side) in [(2, 1), (2, 0), (0, 0), (0, 1), (1, 0), (1, 1)] {
+        if axis == 2 && (geometry.dimension() == 2 || side == 0 && table.is_some()) {
+            continue;
+        }
+        moves += 1;
+        let mut middle = Point::from_fn(|a, _| {
+            let known = (low[a] + high[a]) / 2.0;
+            if known.is_nan() { table.filter(|_| a == 2).unwrap_or(0.0) } else { known }
+        });
+        let mut half = Point::repeat(plate.length / 2.0);
+        if axis == 2 {
+            half.y = plate.width / 2.0;
+        } else {
+            half.z = plate.width / 2.0;
+            if let Some(height) = table {
+                middle.z = middle.z.max(height + half.z + GAP);
+            }
+        }
+        half[axis] = HALF_THICKNESS;
+        let sign = if side == 0 { 1.0 } else { -1.0 };
+        let touch = guarded(geometry, object, &middle, &half, axis, sign, table);
+        if let Some(point) = touch {
+            sides[axis][side] = Some(point);
+            (if side == 0 { &mut low } else { &mut high })[axis] = point[axis];
+        }
+    }
+    sides.iter().flatten().any(Option::is_some).then(|| Probe::new(sides, table, moves))
+}
+
+/// Where a plate that moves along an axis through the middle first touches the object.
+fn guarded(
+    geometry: &Geometry,
+    object: &Pose,
+    middle: &Point,
+    half: &Point,
+    axis: usize,
+    sign: f64,
+    table: Option<f64>,
+) -> Option<Point> {
+    let start = middle[axis] - sign * START;
+    let most = match table {
+        Some(height) if axis == 2 => start - height - GAP,
+        _ => 2.0 * START,
+    };
+    match geometry {
+        Geometry::Mesh(mesh) => {
+            let body = cuboid(half)?;
+            sweep(mesh, object, &body, middle, (axis, sign * HALF_THICKNESS), start, sign, most)
+        }
+        // In the plane: the lowest corner along the way is where a straight edge touches.
+        Geometry::Outline(outline) => {
+            let corners = outline.loops.iter().flatten();
+            let world = corners.map(|c| (object * nalgebra::Point3::new(c[0], c[1], 0.0)).coords);
+            let across = 1 - axis.min(1);
+            let met = world.filter(|p| (p[across] - middle[across]).abs() <= half[across]);
+            met.min_by(|a, b| (sign * a[axis]).total_cmp(&(sign * b[axis])))
+                .filter(|p| (0.0..=most).contains(&(sign * (p[axis] - start))))
+        }
+    }
+}
+
+#[allow(clippy::too_many_arguments)]
+fn sweep(
+    mesh: &Mesh,
+    object: &Pose,
+    body: &SharedShape,
+    middle: &Point,
+    (axis, front): (usize, f64),
+    start: f64,
+    sign: f64,
+    most: f64,
+) -> Option<Point> {
+    let mut along = 0.0;
+    let back = object.inverse();
+    while along <= most {
+        let mut at = *middle;
+        // The front of the plate, not its middle, is where it is.
+        at[axis] = start + sign * along - front;
+        let plate = back * nalgebra::Translation3::from(at);
+        let (point, other) = mesh.nearest(&**body, &plate, most - along + TOUCHING)?;
+        let distance = (other - point).norm();
+        if distance <= TOUCHING {
+            return Some((object * nalgebra::Point3::from(point)).coords);
+        }
+        along += distance - 0.25 * TOUCHING;
+    }
+    None
+}
