@@ -2,7 +2,7 @@
 //! needs more than 80 grasps for a cube).
 //!
 //! Known is what of the reachable surface lies within 3 mm of the believed one. Reachable is what the
-//! fingers of many random grasps about the object meet: the inside of a mug is not.
+//! fingers of ten thousand random grasps about the object meet.
 
 use std::fmt;
 use std::ops::Range;
@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::proportion::Proportion;
-use super::with_room;
+use super::{Spread, with_room};
 use crate::explore::placement::drawn;
 use crate::explore::{Belief, Candidates, Criterion, Episode, Settings, Until, explore_until};
 use crate::graph;
@@ -157,8 +157,13 @@ pub struct Row {
     pub reached: Proportion,
     /// Runs with a last pose within 3 mm and 3°.
     pub pose: Proportion,
-    /// Mean time of a choice among 120, milliseconds, with as many runs at once as there are cores.
-    pub choosing_ms: f64,
+    /// Error of the last pose, millimetres.
+    pub pose_mm: Option<Spread>,
+    /// The same in degrees, without regard to symmetry.
+    pub pose_deg: Option<Spread>,
+    /// Mean time of a choice among 120, milliseconds, with as many runs at once as there are cores;
+    /// `None` where chance chose.
+    pub choosing_ms: Option<f64>,
     /// Mean time of a whole action: belief, choice, and what is known.
     pub action_ms: f64,
 }
@@ -227,9 +232,9 @@ fn objects(
     let holds = |name: &str| wanted.iter().any(|w| name.contains(w.as_str()));
     let mut others = Vec::new();
     for text in wanted {
-        let known =
+        let mut known =
             objects.iter().map(|o| o.name.as_str()).chain(skipped.iter().map(String::as_str));
-        if !{ known }.any(|name| name.contains(text.as_str())) {
+        if !known.any(|name| name.contains(text.as_str())) {
             let spec: ObjectSpec = text.parse()?;
             if spec.dimension() != 3 {
                 let (expected, found) = ("an object in space".into(), "one in the plane".into());
@@ -275,6 +280,7 @@ fn row(object: &Object, reachable: &Reachable, criterion: Criterion, selection: 
     let actions = || runs.iter().flatten().flat_map(|r| &r.episode.actions);
     let count = actions().count().max(1) as f64;
     let choices: Vec<f64> = actions().filter(|a| a.gain.is_some()).map(|a| a.choosing).collect();
+    let ended = |of: fn(&Episode) -> f64| Spread::of(runs.iter().flatten().map(|r| of(&r.episode)));
     let good = |r: &Run| {
         let (metres, radians) = r.episode.pose_error;
         metres < 3e-3 && radians < 3f64.to_radians()
@@ -288,7 +294,10 @@ fn row(object: &Object, reachable: &Reachable, criterion: Criterion, selection: 
         contacts: actions().map(|a| a.contacts as f64).sum::<f64>() / n,
         reached: Proportion::of(runs.iter().map(reached)),
         pose: Proportion::of(runs.iter().map(|r| r.as_ref().is_some_and(good))),
-        choosing_ms: 1e3 * choices.iter().sum::<f64>() / choices.len().max(1) as f64,
+        pose_mm: ended(|e| 1e3 * e.pose_error.0),
+        pose_deg: ended(|e| e.pose_error.1.to_degrees()),
+        choosing_ms: (!choices.is_empty())
+            .then(|| 1e3 * choices.iter().sum::<f64>() / choices.len() as f64),
         action_ms: 1e3 * runs.iter().flatten().map(|r| r.seconds).sum::<f64>() / count,
     }
 }
@@ -321,7 +330,7 @@ fn episode(mut bench: Bench, settings: &Settings, reachable: &Reachable) -> Opti
 /// The head of the table.
 pub fn heading() -> String {
     format!(
-        "  {:<30}{:>10}  {:<20}{:>14}{:>10}  {:<20}{:<20}{:>11}{:>11}",
+        "  {:<30}{:>10}  {:<20}{:>14}{:>10}  {:<20}{:<18}{:<20}{:<22}{:>9}{:>11}",
         "object",
         "reachable",
         "criterion",
@@ -329,6 +338,8 @@ pub fn heading() -> String {
         "contacts",
         "reached",
         "pose < 3 mm, 3°",
+        "pose mm",
+        "pose °",
         "choice ms",
         "action ms"
     )
@@ -336,9 +347,10 @@ pub fn heading() -> String {
 
 impl fmt::Display for Row {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let show = |s: &Option<Spread>| s.map_or("–".to_owned(), |s| s.to_string());
         write!(
             f,
-            "  {:<30}{:>8.0} %  {:<20}{:>7.1} ± {:<4.1}{:>10.0}  {:<20}{:<20}{:>11.1}{:>11.0}",
+            "  {:<30}{:>8.0} %  {:<20}{:>7.1} ± {:<4.1}{:>10.0}  {:<20}{:<18}{:<20}{:<22}{:>9}{:>11.0}",
             self.object,
             100.0 * self.reachable,
             self.criterion,
@@ -347,7 +359,9 @@ impl fmt::Display for Row {
             self.contacts,
             self.reached.to_string(),
             self.pose.to_string(),
-            self.choosing_ms,
+            show(&self.pose_mm),
+            show(&self.pose_deg),
+            self.choosing_ms.map_or("–".to_owned(), |ms| format!("{ms:.1}")),
             self.action_ms
         )
     }
@@ -382,7 +396,8 @@ impl fmt::Display for Table {
         }
         write!(
             f,
-            "  mean and its 95 % interval, runs given up counted as {MOST_GRASPS}; Wilson intervals"
+            "  mean and its 95 % interval, runs given up counted as {MOST_GRASPS}; Wilson intervals; \
+             poses: median [quartiles]"
         )
     }
 }
@@ -390,17 +405,25 @@ impl fmt::Display for Table {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shape::Mesh;
+    use crate::shape::mesh::tests::cuboid;
 
     #[test]
-    fn a_convex_object_is_all_within_reach_and_the_inside_of_a_tube_is_not() {
+    fn a_convex_object_is_all_within_reach_and_what_is_inside_another_is_not() {
         let of =
             |text: &str| Reachable::of(&text.parse::<ObjectSpec>().unwrap().geometry().unwrap());
         let prism = of("prism:0.08,hexagon:0.04");
         assert_eq!(prism.of, Reachable::SAMPLES);
         assert!(prism.points.len() >= prism.of * 99 / 100, "{}", prism.points.len());
-        // Two plates that face each other 4 mm apart are closed where a U would be open.
-        let thick = of("box:0.2x0.2x0.2");
-        assert!(thick.points.len() > thick.of / 2, "{}", thick.points.len());
+        // A hollow cube: the walls of its inside have a quarter of the area.
+        let [outer, inner] = [0.04, 0.02].map(|half| cuboid([half; 3]));
+        let turned = inner.triangles().iter().map(|t| [t[0] + 8, t[2] + 8, t[1] + 8]);
+        let triangles = outer.triangles().iter().copied().chain(turned).collect();
+        let vertices = [outer.vertices(), inner.vertices()].concat();
+        let hollow = Mesh::new(vertices, triangles).unwrap();
+        let within = Reachable::of(&Geometry::Mesh(hollow));
+        assert!((within.points.len() as f64 / within.of as f64 - 0.8).abs() < 0.02);
+        assert!(within.points.iter().all(|p| p.amax() > 0.03));
     }
 
     #[test]

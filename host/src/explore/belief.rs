@@ -231,4 +231,35 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn in_space_a_model_is_kept_until_much_more_is_felt() {
+        let seen = |object: &str, counts: [usize; 3]| {
+            let options = Options { grasps: Some(12), ..Options::new(object.parse().unwrap()) };
+            let log = simulate(&options).unwrap().log;
+            let first = |grasps: usize| {
+                let log = GraspLog { grasps: log.grasps[..grasps].to_vec(), ..log.clone() };
+                let steps = track::truth(&log).unwrap();
+                (log, steps)
+            };
+            let (log, steps) = first(counts[0]);
+            let mut belief = Belief::new(&log, &steps).unwrap();
+            let mut chosen = vec![belief.chosen_by];
+            for count in &counts[1..] {
+                let (log, steps) = first(*count);
+                belief = belief.after(&log, &steps).unwrap();
+                chosen.push(belief.chosen_by);
+                // Whoever chose the model, the surface goes through everything felt.
+                for c in &belief.contacts {
+                    assert!(belief.geometry.distance(&c.point) < 8e-3, "{object}");
+                }
+            }
+            (chosen, belief.contacts.len())
+        };
+        let (chosen, contacts) = seen("prism:0.06,hexagon:0.04", [6, 7, 12]);
+        assert_eq!(chosen[0], chosen[1]);
+        assert!(chosen[2] > chosen[1] && chosen[2] == contacts, "{chosen:?}");
+        let (chosen, contacts) = seen("hexagon:0.04", [6, 7, 8]);
+        assert!(chosen[0] < chosen[1] && chosen[2] == contacts, "{chosen:?}");
+    }
 }

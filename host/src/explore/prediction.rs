@@ -70,7 +70,10 @@ pub fn foresee(belief: &Belief, placements: &[Placement]) -> Prediction {
         .chunks_exact(DEPTHS)
         .zip(radii)
         .map(|(d, radius)| d.iter().fold(0.0, |least: f64, v| least.min(v - radius)));
-    let variances = prediction.covariances.iter().flat_map(|c| c.diagonal().data.as_vec().clone());
+    let variances = prediction
+        .covariances
+        .iter()
+        .flat_map(|c| c.diagonal().iter().copied().collect::<Vec<_>>());
     let chances = deepest
         .zip(variances)
         .map(|(deep, variance)| normal_below(-deep / variance.max(0.0).sqrt().max(1e-6)));
@@ -114,6 +117,40 @@ fn normal_below(z: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::explore::Criterion;
+    use crate::explore::placement::fixed;
+    use crate::sim::{Options, simulate};
+    use crate::slam::track;
+
+    #[test]
+    fn what_is_foreseen_together_is_what_the_surface_says_of_each() {
+        for object in ["ellipse:0.1x0.06", "prism:0.06,triangle:0.05"] {
+            let options = Options { grasps: Some(3), ..Options::new(object.parse().unwrap()) };
+            let log = simulate(&options).unwrap().log;
+            let belief = Belief::new(&log, &track::truth(&log).unwrap()).unwrap();
+            let seen = foresee(&belief, &fixed(belief.dimension, &belief.centre));
+            assert_eq!(seen.contacts.len(), seen.covariances.len());
+            for (contacts, covariance) in seen.contacts.iter().zip(&seen.covariances) {
+                let points: Vec<Point> = contacts.iter().map(|e| e.point).collect();
+                let variances = belief.surface.variances(&points);
+                assert_eq!(covariance.nrows(), variances.len());
+                for (i, v) in variances.iter().enumerate() {
+                    assert!((covariance[(i, i)] - v).abs() < 1e-9 * belief.radius.powi(2));
+                }
+                for p in &points {
+                    assert!(belief.geometry.distance(p) < 1e-9);
+                }
+            }
+            for criterion in [Criterion::Entropy, Criterion::VarianceSum, Criterion::DetSigma] {
+                let apart = criterion.scores(&belief, &seen.contacts);
+                let together = criterion.worth(&belief, &seen);
+                assert!(together.iter().any(|s| *s > 0.0) || criterion == Criterion::DetSigma);
+                for (a, b) in apart.iter().zip(&together) {
+                    assert!((a - b).abs() <= 1e-6 * a.abs(), "{object} {criterion:?} {a} {b}");
+                }
+            }
+        }
+    }
 
     #[test]
     fn chances_are_those_of_the_normal_distribution() {
