@@ -59,6 +59,9 @@ pub struct ExploreArgs {
     /// more, which a robot can decide without the truth)
     #[arg(long, value_name = "GOAL", default_value = "strict", value_parser = until)]
     until: Until,
+    /// How well the last pose must be known besides (95 % within, by the explorer's own account)
+    #[arg(long, value_name = "LENGTH,ANGLE", requires = "moving", value_parser = quantity::deviation)]
+    pose: Option<Deviation>,
     /// When to stop all the same
     #[arg(long, value_name = "N", default_value_t = 60,
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1_000))]
@@ -114,6 +117,7 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         tracker: args.moving.then_some(args.tracker),
         graph: args.graph,
         until: args.until,
+        pose: args.pose,
         most_actions: args.max_actions,
         seed: args.seed,
     };
@@ -143,7 +147,7 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
     } else {
         tell(format_args!(
             "{} after {} actions ({} until {})",
-            if episode.reached { "known" } else { "not known" },
+            if episode.reached() { "known" } else { "not known" },
             episode.actions.len(),
             name(args.criterion),
             args.until
@@ -189,7 +193,7 @@ fn result(settings: &explore::Settings, episode: &Episode, mut report: Value) ->
         .collect();
     let mut result = Map::new();
     result.insert("actions".into(), episode.actions.len().into());
-    result.insert("reached".into(), episode.reached.into());
+    result.insert("reached".into(), episode.reached().into());
     for field in ["surface", "pose", "contacts", "contact_rms_mm"] {
         result.insert(field.into(), report[field].take());
     }

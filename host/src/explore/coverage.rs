@@ -64,9 +64,7 @@ impl Until {
     /// `truth` (true object frame to believed object frame). `Gain` looks as `Strict` does and asks
     /// for nothing.
     pub fn known(&self, belief: &Belief, shape: &Geometry, truth: &Pose) -> (f64, f64) {
-        let place = |(p, _): (Point, Point)| truth * nalgebra::Point3::from(p);
-        let points: Vec<Point> =
-            shape.samples(SAMPLES).into_iter().map(|s| place(s).coords).collect();
+        let points = believed(shape, truth);
         let (deviation, error) = match self {
             Until::Coverage(share) => {
                 let near =
@@ -85,6 +83,30 @@ impl Until {
         let share = if matches!(self, Until::Gain(_)) { f64::INFINITY } else { SHARE };
         (known.count() as f64 / points.len().max(1) as f64, share)
     }
+}
+
+/// Points of the true surface in the believed object frame.
+fn believed(shape: &Geometry, truth: &Pose) -> Vec<Point> {
+    let place = |(p, _): (Point, Point)| (truth * nalgebra::Point3::from(p)).coords;
+    shape.samples(SAMPLES).into_iter().map(place).collect()
+}
+
+/// Share of the true surface, of what the belief calls known to 1.8 mm, whose error is within two of
+/// the belief's standard deviations: about 95 % where these are honest. `None` where it calls nothing
+/// known.
+pub fn honesty(belief: &Belief, shape: &Geometry, truth: &Pose) -> Option<f64> {
+    let points = believed(shape, truth);
+    let deviations = belief.surface.deviations(&points);
+    let fields = belief.surface.means_and_gradients(&points);
+    let (mut within, mut called) = (0, 0);
+    for ((value, gradient), deviation) in fields.iter().zip(deviations) {
+        if deviation < 1.8e-3 {
+            called += 1;
+            let error = value.abs() / gradient.norm().max(LEAST_SLOPE);
+            within += usize::from(error <= 2.0 * deviation);
+        }
+    }
+    (called > 0).then(|| within as f64 / called as f64)
 }
 
 #[cfg(test)]

@@ -3,18 +3,25 @@
 use std::time::Instant;
 
 use nalgebra::{Point3, Translation3};
+use tactile_core::track::Status;
 
 use super::belief::{Belief, beside_each_other};
-use super::coverage::Until;
+use super::coverage::{Until, honesty};
 use super::criterion::{About, Criterion, best, pose_deviation};
+use super::localization;
 use super::placement::{Placement, drawn, fixed};
 use super::prediction::predict;
 use crate::graph;
+use crate::graph::pairwise::segmentation::simplified;
+use crate::log::GraspLog;
+use crate::quantity::Deviation;
 use crate::shape::align::align;
+use crate::shape::outline::Outline;
+use crate::shape::Geometry;
 use crate::sim::Bench;
 use crate::sim::random::Random;
 use crate::slam::reconstruct;
-use crate::slam::track::Step;
+use crate::slam::track::{Follower, Step};
 use crate::slam::trackers::Kind;
 use crate::space::{Point, Pose};
 
@@ -28,6 +35,15 @@ const REMEMBERED: usize = 2;
 /// pose takes over from 4.20, metres: the thesis' "fixed variance threshold", whose number it does not
 /// give.
 const UNCERTAIN: f64 = 3e-3;
+
+/// What an outline may be off where it is made plainer to be aligned, metres.
+const PLAIN: f64 = 3e-5;
+
+/// How probable it must be that the last pose is within its tolerance.
+pub const SURE: f64 = 0.95;
+
+/// What it is worth to the criteria that ask for a pose within its tolerance, nats.
+const LOCALISED: f64 = 3.0;
 
 /// Among what a hand chooses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,8 +66,11 @@ pub struct Settings {
     pub tracker: Option<Kind>,
     /// What corrects the poses after the tracker.
     pub graph: graph::Kind,
-    /// When to stop.
+    /// When enough of the shape is known.
     pub until: Until,
+    /// How well the last pose must be known besides, with [`SURE`] probability by the explorer's own
+    /// account, where a tracker follows the object; `None` asks for the shape alone.
+    pub pose: Option<Deviation>,
     /// When to stop all the same.
     pub most_actions: usize,
     /// Of the draws.
@@ -71,6 +90,11 @@ pub struct Action {
     pub contacts: usize,
     /// Share of the surface that counts as known after it.
     pub known: f64,
+    /// Probability that the pose is within its tolerance after it, by the explorer's own account; `None`
+    /// where none is asked for.
+    pub localised: Option<f64>,
+    /// How long it took to make tracker and surface of what was felt, seconds.
+    pub learning: f64,
 }
 
 /// A finished exploration. The log is the bench's.
@@ -78,13 +102,56 @@ pub struct Action {
 pub struct Episode {
     /// In their order.
     pub actions: Vec<Action>,
-    /// Whether enough is known, and not merely the actions used up.
-    pub reached: bool,
+    /// Why there were no more.
+    pub end: End,
     /// The poses in the end.
     pub steps: Vec<Step>,
     /// Error of the last pose, metres at the object's centroid and radians: how far the believed
     /// object, laid on the true one as well as it goes, is from where the true one is.
     pub pose_error: (f64, f64),
+    /// By how much the shape had to be moved to be laid on the true one, likewise.
+    pub drift: (f64, f64),
+    /// Share of what the belief calls known whose error is within two of its standard deviations
+    /// ([`honesty`]).
+    pub honesty: Option<f64>,
+    /// Actions that were nearly one before them.
+    pub repeats: usize,
+    /// Grasps that the tracker could not explain.
+    pub lost: usize,
+}
+
+/// Why an exploration ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// Enough is known.
+    Known,
+    /// No grasp promises enough, which was asked for.
+    NothingToGain,
+    /// The actions are used up.
+    OutOfActions,
+    /// There is no grasp to choose.
+    NoCandidate,
+}
+
+impl Episode {
+    /// Whether what was asked for is known.
+    pub fn reached(&self) -> bool {
+        matches!(self.end, End::Known | End::NothingToGain)
+    }
+}
+
+impl Action {
+    fn new(placement: Placement, contacts: usize) -> Action {
+        Action {
+            placement,
+            gain: None,
+            choosing: 0.0,
+            contacts,
+            known: 0.0,
+            localised: None,
+            learning: 0.0,
+        }
+    }
 }
 
 /// Why there is no exploration.
@@ -109,52 +176,108 @@ pub fn explore(
 ) -> Result<Episode, Error> {
     let [mut random] = Random::streams(settings.seed ^ 0x5eed_ca5e);
     let dimension = bench.log().dimension;
+    let mut poses = Poses::new(bench.log(), settings);
     let mut actions: Vec<Action> = Vec::new();
-    let (placement, contacts) = first(bench, settings, &mut random)?;
-    let mut next = Action { placement, gain: None, choosing: 0.0, contacts, known: 0.0 };
+    let (placement, contacts) = first(bench, &mut poses, settings, &mut random)?;
+    let mut next = Action::new(placement, contacts);
+    let mut before: Option<Belief> = None;
     loop {
-        let steps = follow(bench, settings);
+        let start = Instant::now();
+        let steps = poses.after(bench.log());
         let belief = match settings.tracker {
             None => Belief::new(bench.log(), &steps)?,
             Some(_) => Belief::new(bench.log(), &beside_each_other(bench.log(), &steps))?,
         };
+        next.learning = start.elapsed().as_secs_f64();
         let truth = true_frame(bench, settings, &belief, &steps);
         let (known, enough) = settings.until.known(&belief, bench.geometry(), &truth);
         next.known = known;
+        let tolerance = settings.pose.filter(|_| settings.tracker.is_some());
+        next.localised = tolerance.map(|tolerance| {
+            let before = before.as_ref().filter(|_| !is_lost(&steps));
+            before.map_or(0.0, |b| localization::known(b, &belief, bench.log(), &tolerance))
+        });
+        let localised = next.localised.is_none_or(|p| p >= SURE);
         watch(&next);
         actions.push(next);
-        let finish = |actions, steps: Vec<Step>, reached| {
-            let pose_error = pose_error(bench, &steps, &truth);
-            Episode { actions, reached, steps, pose_error }
+        let finish = |actions: Vec<Action>, steps: Vec<Step>, end| {
+            let start = true_start(bench, &steps);
+            Episode {
+                pose_error: apart(bench, &steps, &truth),
+                drift: between(bench, &start, &truth),
+                honesty: honesty(&belief, bench.geometry(), &truth),
+                repeats: repeats(settings, &actions),
+                lost: steps.iter().filter(|s| s.status == Status::Lost).count(),
+                actions,
+                end,
+                steps,
+            }
         };
-        if known >= enough || actions.len() >= settings.most_actions {
-            return Ok(finish(actions, steps, known >= enough));
+        if known >= enough && localised {
+            return Ok(finish(actions, steps, End::Known));
+        }
+        if actions.len() >= settings.most_actions {
+            return Ok(finish(actions, steps, End::OutOfActions));
         }
 
         let start = Instant::now();
         let candidates = candidates(&belief, settings, &mut random);
-        let Some((choice, gain)) = choose(&belief, settings, &candidates, &actions, &mut random)
+        let Some((choice, gain)) = choose(&belief, &steps, settings, &candidates, &actions, &mut random)
         else {
-            return Ok(finish(actions, steps, false));
+            return Ok(finish(actions, steps, End::NoCandidate));
         };
         if let (Until::Gain(least), Some(gain)) = (settings.until, gain)
             && gain < least
+            && localised
         {
-            return Ok(finish(actions, steps, true));
+            return Ok(finish(actions, steps, End::NothingToGain));
         }
         let choosing = start.elapsed().as_secs_f64();
         let placement = candidates[choice];
         let off = (placement.hand.translation.vector - belief.centre).norm();
         let strokes = placement.strokes(dimension, belief.radius + off);
         let contacts = bench.close(&(belief.pose * placement.hand), &strokes);
-        next = Action { placement, gain, choosing, contacts, known: 0.0 };
+        next = Action { gain, choosing, ..Action::new(placement, contacts) };
+        before = Some(belief);
     }
+}
+
+/// The poses of all grasps as they are known now.
+struct Poses {
+    tracker: Option<Follower>,
+    graph: graph::Kind,
+    taken: usize,
+}
+
+impl Poses {
+    fn new(log: &GraspLog, settings: &Settings) -> Poses {
+        let tracker = settings.tracker.map(|kind| kind.start(log, settings.seed));
+        Poses { tracker, graph: settings.graph, taken: 0 }
+    }
+
+    /// Takes the grasps that are new in the log.
+    fn after(&mut self, log: &GraspLog) -> Vec<Step> {
+        let Some(tracker) = &mut self.tracker else {
+            return vec![Step::certain(Pose::identity()); log.grasps.len()];
+        };
+        for grasp in log.grasps.iter().skip(self.taken) {
+            tracker.take(grasp, &log.noise);
+        }
+        self.taken = log.grasps.len();
+        let steps = tracker.steps();
+        self.graph.correct(log, &steps).map_or(steps, |corrected| corrected.steps)
+    }
+}
+
+fn is_lost(steps: &[Step]) -> bool {
+    steps.last().is_some_and(|s| s.status == Status::Lost)
 }
 
 /// The first grasp, of which nothing is known but where the object roughly is: any candidate about the
 /// world's origin, again until something is felt. Closings that felt nothing stay in the log.
 fn first(
     bench: &mut Bench,
+    poses: &mut Poses,
     settings: &Settings,
     random: &mut Random,
 ) -> Result<(Placement, usize), Error> {
@@ -171,7 +294,7 @@ fn first(
         let contacts = bench.close(&placement.hand, &strokes);
         if contacts > 0 {
             // In the object frame, which a tracker puts at the middle of the contacts.
-            let steps = follow(bench, settings);
+            let steps = poses.after(bench.log());
             let hand = steps.last().map_or(placement.hand, |s| s.pose.inv_mul(&placement.hand));
             return Ok((Placement { hand, ..placement }, contacts));
         }
@@ -179,35 +302,54 @@ fn first(
     Err(Error::Missed)
 }
 
-/// The poses of all grasps as they are known now.
-fn follow(bench: &Bench, settings: &Settings) -> Vec<Step> {
-    let log = bench.log();
-    let Some(tracker) = settings.tracker else {
-        return vec![Step::certain(Pose::identity()); log.grasps.len()];
-    };
-    let steps = tracker.follow(log, settings.seed);
-    settings.graph.correct(log, &steps).map_or(steps, |corrected| corrected.steps)
-}
-
 /// From the true object frame to the believed one: by the first grasp, which fixed it. Where the pose
 /// is tracked, nobody can know how that grasp lay on the shape beyond what it felt, and the shapes are
 /// aligned from there.
 fn true_frame(bench: &Bench, settings: &Settings, belief: &Belief, steps: &[Step]) -> Pose {
-    let first = bench.log().grasps.first().and_then(|g| g.truth).zip(steps.first());
-    let frame = first.map_or_else(Pose::identity, |(truth, step)| step.pose.inv_mul(&truth));
+    let frame = true_start(bench, steps);
     if settings.tracker.is_none() {
         return frame;
     }
-    let aligned = align(&belief.geometry.transformed(&frame.inverse()), bench.geometry());
+    let aligned = align(&plain(&belief.geometry).transformed(&frame.inverse()), bench.geometry());
     frame * aligned.inverse()
 }
 
-fn pose_error(bench: &Bench, steps: &[Step], frame: &Pose) -> (f64, f64) {
+/// A contour has hundreds of short edges, and every distance to it looks at all: the same within
+/// [`PLAIN`].
+fn plain(geometry: &Geometry) -> Geometry {
+    match geometry {
+        Geometry::Outline(outline) => {
+            let loops = outline.loops.iter().map(|l| simplified(l, PLAIN));
+            Geometry::Outline(Outline { loops: loops.filter(|l| !l.is_empty()).collect() })
+        }
+        Geometry::Mesh(_) => geometry.clone(),
+    }
+}
+
+/// From the true object frame to the believed one by the first grasp alone.
+fn true_start(bench: &Bench, steps: &[Step]) -> Pose {
+    let first = bench.log().grasps.first().and_then(|g| g.truth).zip(steps.first());
+    first.map_or_else(Pose::identity, |(truth, step)| step.pose.inv_mul(&truth))
+}
+
+/// How far the last pose is from the true one.
+fn apart(bench: &Bench, steps: &[Step], frame: &Pose) -> (f64, f64) {
     let last = bench.log().grasps.last().and_then(|g| g.truth).zip(steps.last());
     let Some((truth, step)) = last else { return (0.0, 0.0) };
-    let estimate = step.pose * frame;
+    between(bench, &(step.pose * frame), &truth)
+}
+
+/// Between two poses of the object: metres at its centroid, and radians.
+fn between(bench: &Bench, a: &Pose, b: &Pose) -> (f64, f64) {
     let centre = Point3::from(bench.geometry().centroid());
-    ((estimate * centre - truth * centre).norm(), estimate.rotation.angle_to(&truth.rotation))
+    ((a * centre - b * centre).norm(), a.rotation.angle_to(&b.rotation))
+}
+
+fn repeats(settings: &Settings, actions: &[Action]) -> usize {
+    let again = |(i, action): &(usize, &Action)| {
+        actions[..*i].iter().any(|before| same(settings, &before.placement, &action.placement))
+    };
+    actions.iter().enumerate().filter(again).count()
 }
 
 fn candidates(belief: &Belief, settings: &Settings, random: &mut Random) -> Vec<Placement> {
@@ -223,6 +365,7 @@ fn candidates(belief: &Belief, settings: &Settings, random: &mut Random) -> Vec<
 /// Which candidate, and what it promises.
 fn choose(
     belief: &Belief,
+    steps: &[Step],
     settings: &Settings,
     candidates: &[Placement],
     done: &[Action],
@@ -245,13 +388,24 @@ fn choose(
             return draw(if open.is_empty() { &any } else { &open }, random);
         }
         (_, About::Chance) => return draw(&any, random),
-        (_, About::Pose) if pose_deviation(belief) < UNCERTAIN => Criterion::VarianceSum,
+        (_, About::Pose) if tracked_deviation(belief, steps) < UNCERTAIN => Criterion::VarianceSum,
         (criterion, _) => criterion,
     };
-    let scores = criterion.scores(belief, &predict(belief, candidates));
+    let mut scores = criterion.scores(belief, &predict(belief, candidates));
+    if let (Criterion::Both, Some(tolerance), Some(_)) =
+        (criterion, settings.pose, settings.tracker)
+    {
+        let chances = localization::expected(belief, candidates, &tolerance);
+        scores.iter_mut().zip(chances).for_each(|(score, p)| *score += LOCALISED * p);
+    }
     let recent = &done[done.len().saturating_sub(REMEMBERED)..];
     let choice = best(&scores, |i| again(&i, recent)).or_else(|| best(&scores, |_| false))?;
     Some((choice, Some(scores[choice])))
+}
+
+/// The pose's deviation by the tracker's own account, which the thesis' switch asks.
+fn tracked_deviation(belief: &Belief, steps: &[Step]) -> f64 {
+    steps.last().map_or(0.0, |last| pose_deviation(belief, &last.covariance))
 }
 
 /// Whether two grasps are the same one. Fixed ones follow the middle of the contacts, so they are told
@@ -270,7 +424,6 @@ fn same(settings: &Settings, a: &Placement, b: &Placement) -> bool {
 mod tests {
     use super::*;
     use crate::experiment::with_room;
-    use crate::quantity::Deviation;
     use crate::sim::Options;
 
     fn bench(object: &str, motion: (f64, f64), seed: u64) -> Bench {
@@ -287,6 +440,7 @@ mod tests {
             tracker: None,
             graph: graph::Kind::None,
             until: Until::Lenient,
+            pose: None,
             most_actions: 12,
             seed: 2,
         }
@@ -304,7 +458,7 @@ mod tests {
             episode
         };
         let episode = run();
-        assert!(episode.reached && episode.actions.len() <= 6, "{}", episode.actions.len());
+        assert!(episode.reached() && episode.actions.len() <= 6, "{}", episode.actions.len());
         assert!(episode.pose_error.0 < 1e-9 && episode.pose_error.1 < 1e-9);
         let placements = |e: &Episode| e.actions.iter().map(|a| a.placement).collect::<Vec<_>>();
         assert_eq!(placements(&episode), placements(&run()));
@@ -319,7 +473,7 @@ mod tests {
             ..settings(Criterion::Information, Candidates::Continuous(40))
         };
         let episode = with_room(|| explore(&mut bench, &settings, |_| ())).unwrap();
-        assert!(episode.reached, "{:?}", episode.actions.last());
+        assert!(episode.reached(), "{:?}", episode.actions.last());
         assert!(
             episode.pose_error.0 < 4e-3 && episode.pose_error.1 < 0.08,
             "{:?}",
@@ -348,7 +502,7 @@ mod tests {
             ..settings(Criterion::Entropy, Candidates::Continuous(10))
         };
         let episode = explore(&mut bench, &settings, |_| ()).unwrap();
-        assert!(episode.reached && episode.actions.len() == 1);
+        assert!(episode.reached() && episode.actions.len() == 1);
     }
 
     #[test]
