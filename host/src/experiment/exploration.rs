@@ -222,9 +222,8 @@ fn row(case: &Case, seeds: Range<u64>) -> Row {
         })
         .collect();
     let (mean, plus_minus) = mean(&actions);
-    let good = |e: &Episode| {
-        e.reached() && e.pose_error.0 <= POSE.length && e.pose_error.1 <= POSE.angle
-    };
+    let good =
+        |e: &Episode| e.reached() && e.pose_error.0 <= POSE.length && e.pose_error.1 <= POSE.angle;
     let arrived: Vec<&Episode> = runs.iter().flatten().filter(|e| e.reached()).collect();
     let spread = |f: &dyn Fn(&Episode) -> f64| Spread::of(arrived.iter().map(|e| f(e)));
     let honesty: Vec<f64> = arrived.iter().filter_map(|e| e.honesty).collect();

@@ -60,6 +60,14 @@ impl std::fmt::Display for Until {
 }
 
 impl Until {
+    /// The standard deviation up to which it takes a part of the surface for known, metres.
+    pub fn deviation(&self) -> f64 {
+        match self {
+            Until::Lenient => 2.5e-3,
+            Until::Strict | Until::Gain(_) | Until::Coverage(_) => 1.8e-3,
+        }
+    }
+
     /// The share of the surface that counts as known, and how much of it must be: the true shape at
     /// `truth` (true object frame to believed object frame). `Gain` looks as `Strict` does and asks
     /// for nothing.
@@ -83,6 +91,15 @@ impl Until {
         let share = if matches!(self, Until::Gain(_)) { f64::INFINITY } else { SHARE };
         (known.count() as f64 / points.len().max(1) as f64, share)
     }
+}
+
+/// Share of the believed surface whose standard deviation is at most this, metres: how much the belief
+/// itself takes for known.
+pub fn believed_share(belief: &Belief, deviation: f64) -> f64 {
+    let points: Vec<Point> =
+        belief.geometry.samples(SAMPLES / 4).into_iter().map(|s| s.0).collect();
+    let known = belief.surface.deviations(&points).into_iter().filter(|d| *d < deviation).count();
+    known as f64 / points.len().max(1) as f64
 }
 
 /// Points of the true surface in the believed object frame.

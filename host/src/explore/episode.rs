@@ -6,20 +6,17 @@ use nalgebra::{Point3, Translation3};
 use tactile_core::track::Status;
 
 use super::belief::{Belief, beside_each_other};
-use super::coverage::{Until, honesty};
+use super::coverage::{Until, believed_share, honesty};
 use super::criterion::{About, Criterion, best, pose_deviation};
 use super::localization;
 use super::placement::{Placement, drawn, fixed};
 use super::prediction::predict;
 use crate::graph;
-use crate::graph::pairwise::segmentation::simplified;
 use crate::log::GraspLog;
 use crate::quantity::Deviation;
-use crate::shape::align::align;
-use crate::shape::outline::Outline;
-use crate::shape::Geometry;
 use crate::sim::Bench;
 use crate::sim::random::Random;
+use crate::slam::gauge::gauge;
 use crate::slam::reconstruct;
 use crate::slam::track::{Follower, Step};
 use crate::slam::trackers::Kind;
@@ -36,14 +33,13 @@ const REMEMBERED: usize = 2;
 /// give.
 const UNCERTAIN: f64 = 3e-3;
 
-/// What an outline may be off where it is made plainer to be aligned, metres.
-const PLAIN: f64 = 3e-5;
-
 /// How probable it must be that the last pose is within its tolerance.
 pub const SURE: f64 = 0.95;
 
-/// What it is worth to the criteria that ask for a pose within its tolerance, nats.
-const LOCALISED: f64 = 3.0;
+/// What a pose within its tolerance is worth where all of the shape is known, nats, and the power of the
+/// known share by which it is worth less before.
+const LOCALISED: f64 = 4.0;
+const PATIENCE: i32 = 4;
 
 /// Among what a hand chooses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,10 +102,10 @@ pub struct Episode {
     pub end: End,
     /// The poses in the end.
     pub steps: Vec<Step>,
-    /// Error of the last pose, metres at the object's centroid and radians: how far the believed
-    /// object, laid on the true one as well as it goes, is from where the true one is.
+    /// Error of the last pose, metres at the object's centroid and radians, in the frame in which all
+    /// contacts lie best on the true surface.
     pub pose_error: (f64, f64),
-    /// By how much the shape had to be moved to be laid on the true one, likewise.
+    /// How far that frame is from the one that the first grasp alone would give, likewise.
     pub drift: (f64, f64),
     /// Share of what the belief calls known whose error is within two of its standard deviations
     /// ([`honesty`]).
@@ -189,7 +185,7 @@ pub fn explore(
             Some(_) => Belief::new(bench.log(), &beside_each_other(bench.log(), &steps))?,
         };
         next.learning = start.elapsed().as_secs_f64();
-        let truth = true_frame(bench, settings, &belief, &steps);
+        let truth = true_frame(bench, settings, &steps);
         let (known, enough) = settings.until.known(&belief, bench.geometry(), &truth);
         next.known = known;
         let tolerance = settings.pose.filter(|_| settings.tracker.is_some());
@@ -222,7 +218,8 @@ pub fn explore(
 
         let start = Instant::now();
         let candidates = candidates(&belief, settings, &mut random);
-        let Some((choice, gain)) = choose(&belief, &steps, settings, &candidates, &actions, &mut random)
+        let Some((choice, gain)) =
+            choose(&belief, &steps, settings, &candidates, &actions, &mut random)
         else {
             return Ok(finish(actions, steps, End::NoCandidate));
         };
@@ -303,27 +300,14 @@ fn first(
 }
 
 /// From the true object frame to the believed one: by the first grasp, which fixed it. Where the pose
-/// is tracked, nobody can know how that grasp lay on the shape beyond what it felt, and the shapes are
-/// aligned from there.
-fn true_frame(bench: &Bench, settings: &Settings, belief: &Belief, steps: &[Step]) -> Pose {
+/// is tracked, nobody can know how that grasp lay on the shape beyond what it felt: then by where all
+/// contacts at the tracked poses lie best on the true surface ([`gauge()`]).
+fn true_frame(bench: &Bench, settings: &Settings, steps: &[Step]) -> Pose {
     let frame = true_start(bench, steps);
     if settings.tracker.is_none() {
         return frame;
     }
-    let aligned = align(&plain(&belief.geometry).transformed(&frame.inverse()), bench.geometry());
-    frame * aligned.inverse()
-}
-
-/// A contour has hundreds of short edges, and every distance to it looks at all: the same within
-/// [`PLAIN`].
-fn plain(geometry: &Geometry) -> Geometry {
-    match geometry {
-        Geometry::Outline(outline) => {
-            let loops = outline.loops.iter().map(|l| simplified(l, PLAIN));
-            Geometry::Outline(Outline { loops: loops.filter(|l| !l.is_empty()).collect() })
-        }
-        Geometry::Mesh(_) => geometry.clone(),
-    }
+    gauge(bench.log(), steps, bench.geometry()).map_or(frame, |gauge| gauge.inverse())
 }
 
 /// From the true object frame to the believed one by the first grasp alone.
@@ -391,16 +375,29 @@ fn choose(
         (_, About::Pose) if tracked_deviation(belief, steps) < UNCERTAIN => Criterion::VarianceSum,
         (criterion, _) => criterion,
     };
-    let mut scores = criterion.scores(belief, &predict(belief, candidates));
-    if let (Criterion::Both, Some(tolerance), Some(_)) =
-        (criterion, settings.pose, settings.tracker)
-    {
-        let chances = localization::expected(belief, candidates, &tolerance);
-        scores.iter_mut().zip(chances).for_each(|(score, p)| *score += LOCALISED * p);
-    }
+    let scores = match (criterion, settings.pose, settings.tracker) {
+        (Criterion::Both, Some(tolerance), Some(_)) => {
+            both(belief, settings.until, candidates, &tolerance)
+        }
+        _ => criterion.scores(belief, &predict(belief, candidates)),
+    };
     let recent = &done[done.len().saturating_sub(REMEMBERED)..];
     let choice = best(&scores, |i| again(&i, recent)).or_else(|| best(&scores, |_| false))?;
     Some((choice, Some(scores[choice])))
+}
+
+/// Information about the shape, and the chance that the grasp leaves the pose within its tolerance: worth
+/// the more the more of the shape the belief takes for known, since the next slip undoes it.
+fn both(
+    belief: &Belief,
+    until: Until,
+    candidates: &[Placement],
+    tolerance: &Deviation,
+) -> Vec<f64> {
+    let worth = LOCALISED * believed_share(belief, until.deviation()).powi(PATIENCE);
+    let about_shape = Criterion::Information.scores(belief, &predict(belief, candidates));
+    let chances = localization::expected(belief, candidates, tolerance);
+    about_shape.iter().zip(chances).map(|(shape, chance)| shape + worth * chance).collect()
 }
 
 /// The pose's deviation by the tracker's own account, which the thesis' switch asks.
@@ -479,6 +476,27 @@ mod tests {
             "{:?}",
             episode.pose_error
         );
+    }
+
+    #[test]
+    fn it_goes_on_until_the_pose_is_known_as_well_as_it_was_asked_for() {
+        let mut bench = bench("rectangle:0.1x0.06", (5e-3, 10f64.to_radians()), 1001);
+        let pose = Deviation { length: 3e-3, angle: 3f64.to_radians() };
+        let settings = Settings {
+            tracker: Some(Kind::Hypotheses),
+            pose: Some(pose),
+            most_actions: 30,
+            ..settings(Criterion::Both, Candidates::Continuous(40))
+        };
+        let episode = with_room(|| explore(&mut bench, &settings, |_| ())).unwrap();
+        assert_eq!(episode.end, End::Known, "{:?}", episode.actions.last());
+        let (last, before) = episode.actions.split_last().unwrap();
+        assert!(last.localised.unwrap() >= SURE && last.known >= 0.9);
+        for action in before {
+            assert!(action.localised.unwrap() < SURE || action.known < 0.9);
+        }
+        let (length, angle) = episode.pose_error;
+        assert!(length < 2.0 * pose.length && angle < 2.0 * pose.angle, "{length} {angle}");
     }
 
     #[test]

@@ -60,16 +60,18 @@ pub fn expected(belief: &Belief, placements: &[Placement], tolerance: &Deviation
     let mut order: Vec<usize> = (0..placements.len()).collect();
     order.sort_by(|a, b| chances[*b].total_cmp(&chances[*a]));
     let Some(root) = root(&belief.covariance) else { return chances };
-    let slips: Vec<Pose> = normals(SLIPS)
-        .iter()
-        .map(|z| retract(&Pose::identity(), &(root * z)).inverse())
-        .collect();
+    let slips: Vec<Pose> =
+        normals(SLIPS).iter().map(|z| retract(&Pose::identity(), &(root * z)).inverse()).collect();
     let (looked_at, rest) = order.split_at(order.len().min(LOOKED_AT));
     // Of the others it is known that they are no better than the last one looked at.
     let bound = rest.first().map_or(0.0, |i| chances[*i]);
     let slipped: Vec<Placement> = looked_at
         .iter()
-        .flat_map(|i| slips.iter().map(|slip| Placement { hand: slip * placements[*i].hand, ..placements[*i] }))
+        .flat_map(|i| {
+            slips
+                .iter()
+                .map(|slip| Placement { hand: slip * placements[*i].hand, ..placements[*i] })
+        })
         .collect();
     let all = chance(&predict(belief, &slipped));
     for (i, each) in looked_at.iter().zip(all.chunks_exact(SLIPS)) {
@@ -123,9 +125,7 @@ fn update(
     let innovation = DMatrix::from_fn(size, size, |a, b| {
         let moved = (rows[a].transpose() * prior * rows[b])[0];
         let doubt = match (a < n, b < n) {
-            (true, true) => {
-                shape[(a, b)] + if a == b { point * point * seldom(a) } else { 0.0 }
-            }
+            (true, true) => shape[(a, b)] + if a == b { point * point * seldom(a) } else { 0.0 },
             (false, false) => {
                 // What is wrong with the direction of a face is wrong for all contacts on it.
                 let ((i, u), (j, v)) = (turns[a - n], turns[b - n]);
@@ -212,7 +212,10 @@ mod tests {
             let [covariance] = after(&belief, std::slice::from_ref(contacts))[..] else { panic!() };
             // No finger makes anything less certain.
             assert!((belief.covariance - covariance).symmetric_eigenvalues().min() > -1e-9);
-            (covariance[(0, 0)].sqrt(), within(&covariance, &normals(DRAWS), &belief.centre, &TOLERANCE))
+            (
+                covariance[(0, 0)].sqrt(),
+                within(&covariance, &normals(DRAWS), &belief.centre, &TOLERANCE),
+            )
         };
         let (along, open) = chance(&pinch);
         assert!(along > 3e-3 && open < 0.6, "{along} {open}");

@@ -243,3 +243,23 @@ fn rao_blackwell(dimension: usize, settings: &Settings) -> Follower {
         Follower::new(tracker)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::{Options, simulate};
+
+    #[test]
+    fn one_grasp_after_the_other_is_as_good_as_all_at_once() {
+        let options =
+            Options { grasps: Some(5), ..Options::new("rectangle:0.1x0.06".parse().unwrap()) };
+        let log = simulate(&options).unwrap().log;
+        let mut follower = Kind::Hypotheses.start(&log, 3);
+        assert!(follower.steps().is_empty());
+        for (k, grasp) in log.grasps.iter().enumerate() {
+            follower.take(grasp, &log.noise);
+            let so_far = GraspLog { grasps: log.grasps[..=k].to_vec(), ..log.clone() };
+            assert_eq!(follower.steps(), Kind::Hypotheses.follow(&so_far, 3), "{k}");
+        }
+    }
+}
