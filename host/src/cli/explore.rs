@@ -126,10 +126,12 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         number += 1;
         if !args.json {
             let gain = action.gain.map_or(String::new(), |g| format!(", promised {g:.2}"));
+            let pose = action.localised.map(|p| format!(", pose {:.0} % sure", 100.0 * p));
             note(format_args!(
-                "action {number}: {} contacts, {:.0} % known{gain}",
+                "action {number}: {} contacts, {:.0} % known{}{gain}",
                 action.contacts,
-                100.0 * action.known
+                100.0 * action.known,
+                pose.unwrap_or_default()
             ));
         }
     })
@@ -187,7 +189,9 @@ fn result(settings: &explore::Settings, episode: &Episode, mut report: Value) ->
                 "contacts": a.contacts,
                 "gain": a.gain,
                 "known": a.known,
+                "localised": a.localised,
                 "choosing_seconds": a.choosing,
+                "learning_seconds": a.learning,
             })
         })
         .collect();
