@@ -92,6 +92,9 @@ pub struct ExploreArgs {
     /// more, which a robot can decide without the truth)
     #[arg(long, value_name = "GOAL", default_value = "strict", value_parser = until)]
     until: Until,
+    /// How well the last pose must be known besides (95 % within, by the explorer's own account)
+    #[arg(long, value_name = "LENGTH,ANGLE", requires = "moving", value_parser = quantity::deviation)]
+    pose: Option<Deviation>,
     /// When to stop all the same
     #[arg(long, value_name = "N", default_value_t = 60,
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1_000))]
@@ -184,6 +187,7 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         tracker: args.moving.then_some(args.tracker),
         graph: args.graph,
         until: args.until,
+        pose: args.pose,
         most_actions: args.max_actions,
         seed: args.seed,
     };
@@ -221,7 +225,7 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         tell(table(&episode.actions));
         tell(format_args!(
             "{} after {} actions ({} until {})",
-            if episode.reached { "known" } else { "not known" },
+            if episode.reached() { "known" } else { "not known" },
             episode.actions.len(),
             name(args.criterion),
             args.until
@@ -324,14 +328,16 @@ fn result(settings: &explore::Settings, episode: &Episode, mut report: Value) ->
                 "refused": a.refused.as_ref().map(ToString::to_string),
                 "gain": a.gain,
                 "known": a.known,
+                "localised": a.localised,
                 "choosing_seconds": a.choosing,
+                "learning_seconds": a.learning,
             })
         })
         .collect();
     let mut result = Map::new();
     result.insert("actions".into(), episode.actions.len().into());
-    result.insert("reached".into(), episode.reached.into());
-    result.insert("stuck".into(), episode.stuck.into());
+    result.insert("reached".into(), episode.reached().into());
+    result.insert("stuck".into(), (episode.end == explore::End::NoCandidate).into());
     for field in ["surface", "pose", "contacts", "contact_rms_mm"] {
         result.insert(field.into(), report[field].take());
     }
@@ -362,6 +368,8 @@ mod tests {
             contacts: 5,
             refused: None,
             known: (k + 1) as f64 / 30.0,
+            localised: None,
+            learning: 0.0,
         };
         let few: Vec<Action> = (0..2).map(action).collect();
         assert_eq!(

@@ -1,15 +1,17 @@
 //! Tables 4.2 and 4.3: how many actions until 90 % of the contour of a 10 × 6 cm rectangle is known, and
-//! the same for other objects and criteria.
+//! the same for other objects and criteria; where the object slips, with its last pose.
 
 use std::fmt;
+use std::ops::Range;
+use std::time::Instant;
 
 use clap::ValueEnum;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use super::proportion::Proportion;
-use super::with_room;
-use crate::explore::{Candidates, Criterion, Episode, Settings, Until, explore};
+use super::{Spread, with_room};
+use crate::explore::{Candidates, Criterion, End, Episode, Settings, Until, explore};
 use crate::graph;
 use crate::quantity::Deviation;
 use crate::sim::{Bench, ObjectError, ObjectSpec, Options};
@@ -17,6 +19,15 @@ use crate::slam::trackers::Kind;
 
 /// The thesis' object.
 const RECTANGLE: &str = "rectangle:0.10x0.06";
+
+/// Objects of other kinds, with the tracker that suits them: who follows a curved one by flat faces
+/// loses it.
+const OTHERS: [(&str, Kind); 4] = [
+    ("hexagon:0.045", Kind::Hypotheses),
+    ("triangle:0.06", Kind::Hypotheses),
+    ("lshape:0.09x0.09x0.035", Kind::Hypotheses),
+    ("ellipse:0.10x0.06", Kind::Automatic),
+];
 
 /// Actions after which a run is given up.
 const MOST_ACTIONS: usize = 60;
@@ -26,6 +37,9 @@ const CANDIDATES: usize = 120;
 
 /// Slip at every grasp of a moving object.
 const SLIP: Deviation = Deviation { length: 5e-3, angle: 10.0 * std::f64::consts::PI / 180.0 };
+
+/// What the last pose must be within.
+const POSE: Deviation = Deviation { length: 3e-3, angle: 3.0 * std::f64::consts::PI / 180.0 };
 
 /// One of the two tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,61 +51,90 @@ pub enum TableOf {
 }
 
 /// A case of a table.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 struct Case {
+    object: ObjectSpec,
+    tracker: Option<Kind>,
     criterion: Criterion,
     candidates: Candidates,
     until: Until,
+    /// Whether the last pose must be known, too.
+    pose: bool,
 }
 
 /// One row.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
+    /// What was explored.
+    pub object: String,
+    /// Who followed it; `None` where it stayed where it was.
+    pub tracker: Option<&'static str>,
     /// What decided.
     pub criterion: String,
     /// Among what.
     pub candidates: &'static str,
-    /// When enough was known.
+    /// When enough was known, of the shape and of the pose.
     pub until: String,
-    /// Runs that got there.
-    pub reached: Proportion,
     /// Mean number of actions, those that were given up counted as 60.
     pub actions: f64,
     /// Half of the 95 % interval of that mean.
     pub plus_minus: f64,
-    /// Runs with a last pose within 3 mm and 3°.
+    /// Mean number of actions until the shape was known for the first time, likewise.
+    pub shape_actions: f64,
+    /// Runs that got there.
+    pub reached: Proportion,
+    /// Runs that got there with a last pose within 3 mm and 3°, of all runs.
     pub pose: Proportion,
-    /// Mean time of one choice, milliseconds.
+    /// Error of the last pose, millimetres and degrees, of the runs that got there.
+    pub pose_mm: Option<Spread>,
+    /// See `pose_mm`.
+    pub pose_deg: Option<Spread>,
+    /// How far the shape had to be moved to be laid on the true one, millimetres: what alignment forgives.
+    pub drift_mm: Option<Spread>,
+    /// The same in degrees.
+    pub drift_deg: Option<Spread>,
+    /// Share of the surface called known whose error is within two standard deviations, on average.
+    pub honesty: Option<f64>,
+    /// Why runs did not get there: the hand met nothing or made no surface, a grasp was lost, else.
+    pub failures: [usize; 3],
+    /// Runs that ended since there was no grasp to choose.
+    pub nothing_left: usize,
+    /// Actions a run that nearly repeat one before, on average.
+    pub repeats: f64,
+    /// Median time of one choice, milliseconds.
     pub choosing_ms: f64,
+    /// Median time of making tracker and surface of one grasp, milliseconds.
+    pub learning_ms: f64,
+    /// The row took so long, seconds.
+    pub seconds: f64,
 }
 
 /// The table.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Table {
-    /// What was explored.
-    pub object: String,
     /// What is shown.
     pub title: &'static str,
+    /// First and last seed.
+    pub seeds: (u64, u64),
     /// One per case.
     pub rows: Vec<Row>,
 }
 
-/// Runs the cases of a table on an object (the thesis' rectangle where there is none), and tells `watch`
-/// of each row as it is done.
+/// Runs the cases of a table, of one object where one is named, and tells `watch` of each row as it is
+/// done.
 ///
 /// # Errors
 /// When the object does not exist.
 pub fn run(
     of: TableOf,
     object: Option<&str>,
-    seeds: std::ops::Range<u64>,
+    seeds: Range<u64>,
     mut watch: impl FnMut(&Row),
 ) -> Result<Table, ObjectError> {
-    let object: ObjectSpec = object.unwrap_or(RECTANGLE).parse()?;
-    object.geometry()?;
     let mut rows = Vec::new();
-    for case in cases(of) {
-        let row = with_room(|| row(of, &object, case, seeds.clone()));
+    for case in cases(of, object)? {
+        case.object.geometry()?;
+        let row = with_room(|| row(&case, seeds.clone()));
         watch(&row);
         rows.push(row);
     }
@@ -104,50 +147,99 @@ pub fn run(
              (thesis table 4.3: random 56.7, det Σ 25.8, KL 26.4)"
         }
     };
-    Ok(Table { object: object.to_string(), title, rows })
+    Ok(Table { title, seeds: (seeds.start, seeds.end.saturating_sub(1)), rows })
 }
 
-fn cases(of: TableOf) -> Vec<Case> {
+/// The rectangle by all criteria and the other objects by the best and by chance; an object that is
+/// named, by all.
+fn cases(of: TableOf, object: Option<&str>) -> Result<Vec<Case>, ObjectError> {
     use Criterion::*;
-    let criteria: &[Criterion] = match of {
-        TableOf::Fixed => &[Random, NoRepeat, VarianceSum, Igef, Entropy, Information],
-        TableOf::Moving => &[Random, NoRepeat, DetSigma, Kl, Entropy, Information],
+    const CONTINUOUS: Candidates = Candidates::Continuous(CANDIDATES);
+    let (criteria, few): (&[Criterion], &[Criterion]) = match of {
+        TableOf::Fixed => {
+            (&[Random, NoRepeat, VarianceSum, Igef, Entropy, Information], &[Random, Information])
+        }
+        TableOf::Moving => {
+            (&[Random, NoRepeat, DetSigma, Kl, Entropy, Information, Both], &[Random, Both])
+        }
     };
+    let tracked = |kind| (of == TableOf::Moving).then_some(kind);
     let mut cases = Vec::new();
-    for until in [Until::Lenient, Until::Strict] {
-        for candidates in [Candidates::Fixed, Candidates::Continuous(CANDIDATES)] {
-            for &criterion in criteria {
-                // Continuous draws never repeat.
-                if (criterion, candidates) != (NoRepeat, Candidates::Continuous(CANDIDATES)) {
-                    cases.push(Case { criterion, candidates, until });
+    let mut add = |object: &str, tracker, criteria: &[Criterion], untils: &[Until], pose: bool| {
+        let object: ObjectSpec = object.parse()?;
+        for &until in untils {
+            for candidates in [Candidates::Fixed, CONTINUOUS] {
+                for &criterion in criteria {
+                    // Continuous draws never repeat.
+                    if (criterion, candidates) != (NoRepeat, CONTINUOUS) {
+                        let object = object.clone();
+                        cases.push(Case { object, tracker, criterion, candidates, until, pose });
+                    }
                 }
             }
         }
+        Ok::<(), ObjectError>(())
+    };
+    let both = [Until::Lenient, Until::Strict];
+    let main = object.unwrap_or(RECTANGLE);
+    let known = OTHERS.iter().find(|(name, _)| *name == main).map(|(_, kind)| *kind);
+    let kind = match (object, known) {
+        (_, Some(kind)) => kind,
+        (Some(_), None) => Kind::Automatic,
+        (None, None) => Kind::Hypotheses,
+    };
+    if of == TableOf::Moving {
+        // As the thesis counts, whatever is known of the pose in the end.
+        add(main, tracked(kind), criteria, &both, false)?;
+        add(main, tracked(kind), criteria, &both, true)?;
+    } else {
+        add(main, None, criteria, &both, false)?;
     }
-    cases
+    if object.is_none() {
+        for (name, kind) in OTHERS {
+            add(name, tracked(kind), few, &both, of == TableOf::Moving)?;
+        }
+    }
+    Ok(cases)
 }
 
-fn row(of: TableOf, object: &ObjectSpec, case: Case, seeds: std::ops::Range<u64>) -> Row {
-    let episodes: Vec<Option<Episode>> =
-        seeds.into_par_iter().map(|seed| episode(of, object, case, seed)).collect();
-    let actions: Vec<f64> = episodes
+fn row(case: &Case, seeds: Range<u64>) -> Row {
+    let start = Instant::now();
+    let runs: Vec<Option<Episode>> =
+        seeds.into_par_iter().map(|seed| episode(case, seed)).collect();
+    let count = |k: Option<usize>| k.unwrap_or(MOST_ACTIONS) as f64;
+    let there = |e: &Option<Episode>| e.as_ref().is_some_and(Episode::reached);
+    let actions: Vec<f64> = runs
         .iter()
-        .map(|e| match e {
-            Some(e) if e.reached => e.actions.len() as f64,
-            _ => MOST_ACTIONS as f64,
+        .map(|e| count(e.as_ref().filter(|e| e.reached()).map(|e| e.actions.len())))
+        .collect();
+    let share = crate::explore::coverage::SHARE;
+    let shape_actions: Vec<f64> = runs
+        .iter()
+        .map(|e| {
+            let first = e.iter().flat_map(|e| &e.actions).position(|a| a.known >= share);
+            count(first.map(|k| k + 1))
         })
         .collect();
-    let n = actions.len().max(1) as f64;
-    let mean = actions.iter().sum::<f64>() / n;
-    let variance = actions.iter().map(|a| (a - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-    let good = |e: &Episode| e.pose_error.0 < 3e-3 && e.pose_error.1 < 3f64.to_radians();
-    let choices: Vec<f64> = episodes
-        .iter()
-        .flatten()
-        .flat_map(|e| e.actions.iter().skip(1))
-        .map(|a| a.choosing)
-        .collect();
+    let (mean, plus_minus) = mean(&actions);
+    let good =
+        |e: &Episode| e.reached() && e.pose_error.0 <= POSE.length && e.pose_error.1 <= POSE.angle;
+    let arrived: Vec<&Episode> = runs.iter().flatten().filter(|e| e.reached()).collect();
+    let spread = |f: &dyn Fn(&Episode) -> f64| Spread::of(arrived.iter().map(|e| f(e)));
+    let honesty: Vec<f64> = arrived.iter().filter_map(|e| e.honesty).collect();
+    let failed = runs.iter().filter(|e| !there(e));
+    let failures = failed.fold([0; 3], |[missed, lost, other], e| match e {
+        None => [missed + 1, lost, other],
+        Some(e) if e.lost > 0 => [missed, lost + 1, other],
+        Some(_) => [missed, lost, other + 1],
+    });
+    let actions_of = || runs.iter().flatten().flat_map(|e| &e.actions);
+    let choices = Spread::of(actions_of().filter(|a| a.choosing > 0.0).map(|a| 1e3 * a.choosing));
+    let learnt = Spread::of(actions_of().map(|a| 1e3 * a.learning));
+    let n = runs.len().max(1) as f64;
     Row {
+        object: case.object.to_string(),
+        tracker: case.tracker.map(Kind::name),
         criterion: case
             .criterion
             .to_possible_value()
@@ -156,27 +248,47 @@ fn row(of: TableOf, object: &ObjectSpec, case: Case, seeds: std::ops::Range<u64>
             Candidates::Fixed => "fixed",
             Candidates::Continuous(_) => "continuous",
         },
-        until: case.until.to_string(),
-        reached: Proportion::of(episodes.iter().map(|e| e.as_ref().is_some_and(|e| e.reached))),
+        until: format!("{}{}", case.until, if case.pose { ", pose" } else { "" }),
         actions: mean,
-        plus_minus: 1.96 * (variance / n).sqrt(),
-        pose: Proportion::of(episodes.iter().map(|e| e.as_ref().is_some_and(good))),
-        choosing_ms: 1e3 * choices.iter().sum::<f64>() / choices.len().max(1) as f64,
+        plus_minus,
+        shape_actions: self::mean(&shape_actions).0,
+        reached: Proportion::of(runs.iter().map(there)),
+        pose: Proportion::of(runs.iter().map(|e| e.as_ref().is_some_and(good))),
+        pose_mm: spread(&|e| 1e3 * e.pose_error.0),
+        pose_deg: spread(&|e| e.pose_error.1.to_degrees()),
+        drift_mm: spread(&|e| 1e3 * e.drift.0),
+        drift_deg: spread(&|e| e.drift.1.to_degrees()),
+        honesty: (!honesty.is_empty()).then(|| self::mean(&honesty).0),
+        failures,
+        nothing_left: runs.iter().flatten().filter(|e| e.end == End::NoCandidate).count(),
+        repeats: runs.iter().flatten().map(|e| e.repeats as f64).sum::<f64>() / n,
+        choosing_ms: choices.map_or(0.0, |s| s.median),
+        learning_ms: learnt.map_or(0.0, |s| s.median),
+        seconds: start.elapsed().as_secs_f64(),
     }
 }
 
+/// The mean, and half of its 95 % interval by the normal approximation.
+fn mean(sample: &[f64]) -> (f64, f64) {
+    let n = sample.len().max(1) as f64;
+    let mean = sample.iter().sum::<f64>() / n;
+    let variance = sample.iter().map(|a| (a - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    (mean, 1.96 * (variance / n).sqrt())
+}
+
 /// One run; `None` where the hand never met the object or what it felt made no surface.
-fn episode(of: TableOf, object: &ObjectSpec, case: Case, seed: u64) -> Option<Episode> {
+fn episode(case: &Case, seed: u64) -> Option<Episode> {
     let still = Deviation { length: 0.0, angle: 0.0 };
-    let motion_noise = if of == TableOf::Moving { SLIP } else { still };
-    let mut bench =
-        Bench::new(Options { motion_noise, seed, ..Options::new(object.clone()) }).ok()?;
+    let motion_noise = if case.tracker.is_some() { SLIP } else { still };
+    let options = Options { motion_noise, seed, ..Options::new(case.object.clone()) };
+    let mut bench = Bench::new(options).ok()?;
     let settings = Settings {
         criterion: case.criterion,
         candidates: case.candidates,
-        tracker: (of == TableOf::Moving).then_some(Kind::Hypotheses),
+        tracker: case.tracker,
         graph: graph::Kind::None,
         until: case.until,
+        pose: case.pose.then_some(POSE),
         most_actions: MOST_ACTIONS,
         seed,
     };
@@ -186,37 +298,78 @@ fn episode(of: TableOf, object: &ObjectSpec, case: Case, seed: u64) -> Option<Ep
 /// The head of the table.
 pub fn heading() -> String {
     format!(
-        "  {:<20}{:<12}{:<10}{:>14}  {:<22}{:<22}{:>12}",
-        "criterion", "candidates", "until", "actions", "reached", "pose < 3 mm, 3°", "choice ms"
+        "  {:<24}{:<14}{:<12}{:<15}{:>13}{:>7}  {:<17}{:<17}{:>10}{:>10}{:>6}{:>9}{:>8}{:>10}{:>7}",
+        "object",
+        "criterion",
+        "candidates",
+        "until",
+        "actions",
+        "shape",
+        "reached",
+        "pose right",
+        "pose",
+        "drift",
+        "2σ",
+        "failed",
+        "repeats",
+        "choose ms",
+        "time"
     )
 }
 
 impl fmt::Display for Row {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let pair = |a: &Option<Spread>, b: &Option<Spread>| match (a, b) {
+            (Some(a), Some(b)) if self.tracker.is_some() => {
+                format!("{:.1}, {:.1}", a.median, b.median)
+            }
+            _ => "–".to_owned(),
+        };
+        let [missed, lost, other] = self.failures;
         write!(
             f,
-            "  {:<20}{:<12}{:<10}{:>7.1} ± {:<4.1}  {:<22}{:<22}{:>12.1}",
+            "  {:<24}{:<14}{:<12}{:<15}{:>6.1} ± {:<4.1}{:>7.1}  {:<17}{:<17}{:>10}{:>10}{:>6}{:>9}{:>8.1}{:>10.1}{:>5.0} s",
+            self.object,
             self.criterion,
             self.candidates,
             self.until,
             self.actions,
             self.plus_minus,
+            self.shape_actions,
             self.reached.to_string(),
             self.pose.to_string(),
-            self.choosing_ms
+            pair(&self.pose_mm, &self.pose_deg),
+            pair(&self.drift_mm, &self.drift_deg),
+            self.honesty.map_or("–".to_owned(), |h| format!("{:.0} %", 100.0 * h)),
+            format!("{missed}/{lost}/{other}"),
+            self.repeats,
+            self.choosing_ms,
+            self.seconds
         )
     }
 }
 
 impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}: {}\n{}", self.object, self.title, heading())?;
+        let (first, last) = self.seeds;
+        writeln!(f, "{}, seeds {first} to {last}\n{}", self.title, heading())?;
         for row in &self.rows {
             writeln!(f, "{row}")?;
         }
         write!(
             f,
-            "  mean and its 95 % interval, runs given up counted as {MOST_ACTIONS}; Wilson intervals"
+            "  actions: mean and its 95 % interval (normal), runs given up counted as {MOST_ACTIONS}; shape: \
+             actions until the shape alone was known; Wilson intervals\n  \
+             until: strict is a standard deviation and a true error of at most 1.8 mm on 90 % of the true \
+             surface, lenient 2.5 mm and 3 mm; pose: and by the explorer's own account the pose within 3 mm \
+             and 3° with 95 %\n  \
+             what moved is judged after the best rigid alignment, whose size is drift (median mm, °), by \
+             deviations that hold how contacts lie beside each other and not where all of them are; \
+             2σ: share of what is called known that is within two of its deviations\n  \
+             pose right: runs that got there with a last pose within 3 mm and 3°, of all; pose: its median \
+             error in mm, ° (of the aligned shape)\n  \
+             failed: nothing felt or no surface / a grasp lost / other; repeats: actions a run; choose: \
+             median of one choice"
         )
     }
 }

@@ -178,7 +178,7 @@ fn seen(covariance: &mut Matrix6<f64>, h: Vector6<f64>, variance: f64) {
 }
 
 /// The axes about which a turn moves the normal.
-fn across(normal: &Point, dimension: usize) -> Vec<Point> {
+pub(super) fn across(normal: &Point, dimension: usize) -> Vec<Point> {
     if dimension == 2 {
         return vec![Point::z()];
     }
@@ -196,7 +196,7 @@ fn only(dimension: usize, covariance: Matrix6<f64>) -> Matrix6<f64> {
 }
 
 /// What the motion before the next grasp adds to the pose's covariance.
-fn motion(log: &GraspLog) -> Matrix6<f64> {
+pub(super) fn motion(log: &GraspLog) -> Matrix6<f64> {
     let shift = log.noise.translation.unwrap_or(0.0).powi(2);
     let turn = log.noise.rotation.unwrap_or(0.0).powi(2);
     let moves = |axis: usize| log.dimension == 3 || matches!(axis, 0 | 1 | 5);

@@ -60,6 +60,14 @@ impl std::fmt::Display for Until {
 }
 
 impl Until {
+    /// The standard deviation up to which it takes a part of the surface for known, metres.
+    pub fn deviation(&self) -> f64 {
+        match self {
+            Until::Lenient => 2.5e-3,
+            Until::Strict | Until::Gain(_) | Until::Coverage(_) => 1.8e-3,
+        }
+    }
+
     /// The share of the surface that counts as known, and how much of it must be: the true shape at
     /// `truth` (true object frame to believed object frame). `Gain` looks as `Strict` does and asks
     /// for nothing.
@@ -69,8 +77,7 @@ impl Until {
 
     /// The same of a part of the surface, given as points with their normals.
     pub fn known_of(&self, belief: &Belief, part: &[(Point, Point)], truth: &Pose) -> (f64, f64) {
-        let place = |(p, _): &(Point, Point)| (truth * nalgebra::Point3::from(*p)).coords;
-        let points: Vec<Point> = part.iter().map(place).collect();
+        let points = believed(part, truth);
         let (deviation, error) = match self {
             Until::Coverage(share) => {
                 let near =
@@ -89,6 +96,39 @@ impl Until {
         let share = if matches!(self, Until::Gain(_)) { f64::INFINITY } else { SHARE };
         (known.count() as f64 / points.len().max(1) as f64, share)
     }
+}
+
+/// Share of the believed surface whose standard deviation is at most this, metres: how much the belief
+/// itself takes for known.
+pub fn believed_share(belief: &Belief, deviation: f64) -> f64 {
+    let points: Vec<Point> =
+        belief.geometry.samples(SAMPLES / 4).into_iter().map(|s| s.0).collect();
+    let known = belief.surface.deviations(&points).into_iter().filter(|d| *d < deviation).count();
+    known as f64 / points.len().max(1) as f64
+}
+
+/// Points of the true surface in the believed object frame.
+fn believed(part: &[(Point, Point)], truth: &Pose) -> Vec<Point> {
+    let place = |(p, _): &(Point, Point)| (truth * nalgebra::Point3::from(*p)).coords;
+    part.iter().map(place).collect()
+}
+
+/// Share of the true surface, of what the belief calls known to 1.8 mm, whose error is within two of
+/// the belief's standard deviations: about 95 % where these are honest. `None` where it calls nothing
+/// known.
+pub fn honesty(belief: &Belief, shape: &Geometry, truth: &Pose) -> Option<f64> {
+    let points = believed(&shape.samples(SAMPLES), truth);
+    let deviations = belief.surface.deviations(&points);
+    let fields = belief.surface.means_and_gradients(&points);
+    let (mut within, mut called) = (0, 0);
+    for ((value, gradient), deviation) in fields.iter().zip(deviations) {
+        if deviation < 1.8e-3 {
+            called += 1;
+            let error = value.abs() / gradient.norm().max(LEAST_SLOPE);
+            within += usize::from(error <= 2.0 * deviation);
+        }
+    }
+    (called > 0).then(|| within as f64 / called as f64)
 }
 
 #[cfg(test)]

@@ -19,6 +19,11 @@ const IGEF: [f64; 4] = [0.5, 0.7, 0.5, 1.0];
 pub enum Criterion {
     /// Information about the shape that is left when the pose must be learnt from the same contacts
     Information,
+    /// Information about the pose that is left when the shape must be learnt from the same contacts
+    Pose,
+    /// Information about shape and pose, each with the other unknown: where a pose tolerance is asked
+    /// for, the chance to meet it in place of the second
+    Both,
     /// Joint differential entropy of the surface at all contacts (4.8–4.10 over a whole grasp)
     Entropy,
     /// Sum of the surface's variances at the contacts (4.20)
@@ -59,6 +64,7 @@ impl Criterion {
     pub fn about(self) -> About {
         match self {
             Criterion::Information
+            | Criterion::Both
             | Criterion::Entropy
             | Criterion::VarianceSum
             | Criterion::Variance
@@ -66,6 +72,7 @@ impl Criterion {
             Criterion::Shannon
             | Criterion::Renyi
             | Criterion::MutualInformation
+            | Criterion::Pose
             | Criterion::Kl
             | Criterion::DetSigma => About::Pose,
             Criterion::Random | Criterion::NoRepeat => About::Chance,
@@ -98,7 +105,7 @@ impl Criterion {
             Criterion::Variance | Criterion::VarianceSum => {
                 pairs.map(|(g, s)| self.spread(g, s)).collect()
             }
-            Criterion::Information | Criterion::Entropy => {
+            Criterion::Information | Criterion::Pose | Criterion::Both | Criterion::Entropy => {
                 pairs.map(|(g, s)| self.information(belief, g, s.clone())).collect()
             }
         }
@@ -114,22 +121,27 @@ impl Criterion {
     /// ½ log det(I + S + J Σ Jᵀ) − ½ log det(I + J Σ Jᵀ) in units of the contacts' noise, S the joint
     /// covariance of the surface at the contacts and J Σ Jᵀ what the doubt about the pose does to them:
     /// what the grasp says about the shape, the pose being a nuisance. Without that doubt it is the
-    /// joint entropy.
+    /// joint entropy. Of the pose, the shape being the nuisance, ½ log det(I + S + J Σ Jᵀ) −
+    /// ½ log det(I + S).
     fn information(self, belief: &Belief, contacts: &[Expected], mut s: DMatrix<f64>) -> f64 {
         let noise = belief.noise.0;
         let unit: Vec<f64> = contacts.iter().map(|e| e.chance.max(1e-6).sqrt() / noise).collect();
         let moved = |i: usize, j: usize| match self {
-            Criterion::Information => {
-                (row(&contacts[i]).transpose() * belief.covariance * row(&contacts[j]))[0]
-            }
-            _ => 0.0,
+            Criterion::Entropy => 0.0,
+            _ => (row(&contacts[i]).transpose() * belief.covariance * row(&contacts[j]))[0],
         };
         let n = contacts.len();
         let pose = DMatrix::from_fn(n, n, |i, j| {
             moved(i, j) * unit[i] * unit[j] + f64::from(u8::from(i == j))
         });
         s.iter_mut().enumerate().for_each(|(k, v)| *v *= unit[k % n] * unit[k / n]);
-        half_log_determinant(&pose + s) - half_log_determinant(pose)
+        let all = half_log_determinant(&pose + &s);
+        let about_pose = |s: DMatrix<f64>| all - half_log_determinant(s + DMatrix::identity(n, n));
+        match self {
+            Criterion::Pose => about_pose(s),
+            Criterion::Both => all - half_log_determinant(pose) + about_pose(s),
+            _ => all - half_log_determinant(pose),
+        }
     }
 }
 
@@ -204,15 +216,15 @@ pub fn best(scores: &[f64], left_out: impl Fn(usize) -> bool) -> Option<usize> {
     open.reduce(|best, i| if scores[i] > scores[best] { i } else { best })
 }
 
-/// det of the pose's covariance, rotations as arcs at the object's radius, as the deviation in metres
+/// det of a pose's covariance, rotations as arcs at the object's radius, as the deviation in metres
 /// of one degree of freedom: the (2·dof)-th root (4.21; the determinant itself mixes units).
-pub fn pose_deviation(belief: &Belief) -> f64 {
+pub fn pose_deviation(belief: &Belief, covariance: &Matrix6<f64>) -> f64 {
     let axes: &[usize] = if belief.dimension == 2 { &[0, 1, 5] } else { &[0, 1, 2, 3, 4, 5] };
     let scale = |axis: usize| if axis < 3 { 1.0 } else { belief.radius };
     let d = axes.len();
     let matrix = DMatrix::from_fn(d, d, |i, j| {
         let (a, b) = (axes[i], axes[j]);
-        belief.covariance[(a, b)] * scale(a) * scale(b)
+        covariance[(a, b)] * scale(a) * scale(b)
     });
     let values: DVector<f64> = matrix.symmetric_eigenvalues();
     let product: f64 = values.iter().map(|v| v.max(0.0)).product();

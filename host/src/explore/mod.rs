@@ -12,6 +12,7 @@ pub mod belief;
 pub mod coverage;
 pub mod criterion;
 pub mod episode;
+pub mod localization;
 pub mod placement;
 pub mod pose_gain;
 pub mod prediction;
@@ -21,7 +22,9 @@ pub use adviser::{Adviser, Board};
 pub use belief::Belief;
 pub use coverage::Until;
 pub use criterion::Criterion;
-pub use episode::{Candidates, Episode, Settings, explore, explore_advised, explore_until};
+pub use episode::{
+    Candidates, End, Episode, Settings, explore, explore_advised, explore_until,
+};
 pub use placement::Placement;
 
 #[cfg(test)]

@@ -8,6 +8,7 @@
 pub mod choose;
 pub mod fit;
 pub mod free;
+pub mod gauge;
 pub mod odometry_graph;
 pub mod output;
 pub mod reconstruct;

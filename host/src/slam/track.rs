@@ -1,5 +1,7 @@
 //! From a grasp log to poses: the core's tracker in double the comfort of a desktop.
 
+use std::marker::PhantomData;
+
 use nalgebra::Matrix6;
 use tactile_core::contact::{Contact, FreePoint, GraspView};
 use tactile_core::matrix::Square;
@@ -7,7 +9,7 @@ use tactile_core::track::{Estimate, MotionNoise, Settings, Status, Tracker};
 
 use crate::log::replayed::RecordedEstimate;
 use crate::log::{GraspLog, LoggedGrasp, Noise};
-use crate::slam::{Progress, deviations};
+use crate::slam::deviations;
 use crate::space::{Bridge, Pose};
 
 /// What is known of the object after one grasp.
@@ -139,42 +141,77 @@ pub fn settings(log: &GraspLog, seed: u64) -> Settings {
 /// Feeds a log through any tracker. Poses that the tracker came to know better later
 /// ([`Tracker::recall`]) are as it knows them in the end.
 pub fn follow<S: Bridge>(tracker: &mut impl Tracker<S>, log: &GraspLog) -> Vec<Step> {
-    follow_told(tracker, log, &|_, _| ())
-}
-
-/// Like [`follow`]; `told` hears after each grasp how many are done, and of how many.
-pub fn follow_told<S: Bridge>(
-    tracker: &mut impl Tracker<S>,
-    log: &GraspLog,
-    told: Progress<'_>,
-) -> Vec<Step> {
-    let mut steps = each(tracker, log, told);
-    for (grasp, step) in (0..).zip(&mut steps) {
-        if let Some(pose) = tracker.recall(grasp) {
-            step.pose = S::isometry(&pose);
-        }
-    }
+    let mut steps = online(tracker, log);
+    recalled(tracker, &mut steps);
     steps
 }
 
 /// Feeds a log through any tracker: each step as it was known at the time.
 pub fn online<S: Bridge>(tracker: &mut impl Tracker<S>, log: &GraspLog) -> Vec<Step> {
-    each(tracker, log, &|_, _| ())
+    log.grasps.iter().map(|grasp| take(tracker, grasp, &log.noise)).collect()
 }
 
-fn each<S: Bridge>(tracker: &mut impl Tracker<S>, log: &GraspLog, told: Progress<'_>) -> Vec<Step> {
-    (1..)
-        .zip(&log.grasps)
-        .map(|(number, grasp)| {
-            let motion = grasp.motion.as_ref().map(S::pose);
-            let contacts = contacts::<S>(grasp, &log.noise);
-            let free = free_points::<S>(grasp);
-            let view = GraspView { contacts: &contacts, free: &free };
-            let step = Step::from_estimate(&tracker.update(motion.as_ref(), view));
-            told(number, log.grasps.len());
-            step
-        })
-        .collect()
+fn take<S: Bridge>(tracker: &mut impl Tracker<S>, grasp: &LoggedGrasp, noise: &Noise) -> Step {
+    let motion = grasp.motion.as_ref().map(S::pose);
+    let contacts = contacts::<S>(grasp, noise);
+    let free = free_points::<S>(grasp);
+    let view = GraspView { contacts: &contacts, free: &free };
+    Step::from_estimate(&tracker.update(motion.as_ref(), view))
+}
+
+fn recalled<S: Bridge>(tracker: &impl Tracker<S>, steps: &mut [Step]) {
+    for (grasp, step) in (0..).zip(steps) {
+        if let Some(pose) = tracker.recall(grasp) {
+            step.pose = S::isometry(&pose);
+        }
+    }
+}
+
+/// Any tracker, planar or spatial, and what it made of the grasps so far.
+pub struct Follower {
+    tracker: Box<dyn Follow>,
+    steps: Vec<Step>,
+}
+
+/// A tracker without its space.
+trait Follow {
+    fn take(&mut self, grasp: &LoggedGrasp, noise: &Noise) -> Step;
+    fn recalled(&self, steps: &mut [Step]);
+}
+
+struct In<S, T> {
+    tracker: Box<T>,
+    space: PhantomData<S>,
+}
+
+impl<S: Bridge, T: Tracker<S>> Follow for In<S, T> {
+    fn take(&mut self, grasp: &LoggedGrasp, noise: &Noise) -> Step {
+        take(&mut *self.tracker, grasp, noise)
+    }
+
+    fn recalled(&self, steps: &mut [Step]) {
+        recalled(&*self.tracker, steps);
+    }
+}
+
+impl Follower {
+    /// With a tracker that has seen nothing.
+    pub fn new<S: Bridge + 'static>(tracker: Box<impl Tracker<S> + 'static>) -> Follower {
+        Follower { tracker: Box::new(In { tracker, space: PhantomData }), steps: Vec::new() }
+    }
+
+    /// Takes the next grasp, whose contacts have the noise of its log where they state none.
+    pub fn take(&mut self, grasp: &LoggedGrasp, noise: &Noise) {
+        let step = self.tracker.take(grasp, noise);
+        self.steps.push(step);
+    }
+
+    /// One step per grasp taken, the poses as the tracker knows them by now ([`Tracker::recall`]).
+    pub fn steps(&self) -> Vec<Step> {
+        let mut steps = self.steps.clone();
+        self.tracker.recalled(&mut steps);
+        steps
+    }
 }
 
 /// The contacts of a grasp as the core takes them.

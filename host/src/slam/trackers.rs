@@ -10,7 +10,7 @@ use tactile_core::wire::TrackerKind;
 
 use crate::log::GraspLog;
 use crate::slam::Progress;
-use crate::slam::track::{Step, follow_told, settings};
+use crate::slam::track::{Follower, Step, settings};
 
 /// The trackers on offer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -58,12 +58,24 @@ impl Kind {
 
     /// Like [`Kind::follow`]; `told` hears after each grasp how many are done, and of how many.
     pub fn follow_told(self, log: &GraspLog, seed: u64, told: Progress<'_>) -> Vec<Step> {
+        let mut follower = self.start(log, seed);
+        for (number, grasp) in (1..).zip(&log.grasps) {
+            follower.take(grasp, &log.noise);
+            told(number, log.grasps.len());
+        }
+        follower.steps()
+    }
+
+    /// The tracker before the first grasp of a log, of which the dimension and the noise count.
+    pub fn start(self, log: &GraspLog, seed: u64) -> Follower {
+        let settings = settings(log, seed);
+        // Each is built in a function of its own: they are large, and a stack frame holds them all.
         match self {
-            Kind::Bootstrap => bootstrap(log, &settings(log, seed), told),
-            Kind::Curved => curved(log, settings(log, seed).motion, told),
-            Kind::Hypotheses => several_hypotheses(log, settings(log, seed).motion, told),
-            Kind::RaoBlackwell => rao_blackwell(log, &settings(log, seed), told),
-            Kind::Automatic => automatic(log, settings(log, seed).motion, told),
+            Kind::Bootstrap => bootstrap(log.dimension, &settings),
+            Kind::Curved => curved(log.dimension, settings.motion),
+            Kind::Hypotheses => several_hypotheses(log.dimension, settings.motion),
+            Kind::RaoBlackwell => rao_blackwell(log.dimension, &settings),
+            Kind::Automatic => automatic(log.dimension, settings.motion),
         }
     }
 }
@@ -129,35 +141,34 @@ type PlanarHypotheses =
 type SpatialHypotheses =
     Hypotheses<Spatial, HYPOTHESES, FACES, SPATIAL_ROWS, { packed(SPATIAL_ROWS) }, GRASPS>;
 
-/// Follows the object through the log with the bootstrap filter (thesis 3.3.1, corrected): one step
-/// per grasp, the same for the same seed on every machine.
-pub fn bootstrap(log: &GraspLog, settings: &Settings, told: Progress<'_>) -> Vec<Step> {
-    if log.dimension == 2 {
+/// The bootstrap filter (thesis 3.3.1, corrected).
+fn bootstrap(dimension: usize, settings: &Settings) -> Follower {
+    if dimension == 2 {
         type Filter = Bootstrap<Planar, BakedMap, PLANAR_PARTICLES>;
         // Made by the compiler: the stack has no room for every part on its way into the whole.
         let mut tracker = Box::new(const { Filter::new(BakedMap::new(PlanarMap::new())) });
         tracker.map_mut().map_mut().configure(KERNEL, Ball::UNSET, Training::Normals);
         tracker.configure(*settings);
-        follow_told(&mut *tracker, log, told)
+        Follower::new(tracker)
     } else {
         let mut tracker =
             Box::new(Bootstrap::<Spatial, SpatialMap, SPATIAL_PARTICLES>::new(SpatialMap::new()));
         tracker.map_mut().configure(KERNEL, Ball::UNSET, Training::Normals);
         tracker.configure(*settings);
-        follow_told(&mut *tracker, log, told)
+        Follower::new(tracker)
     }
 }
 
-/// Follows a curved object through the log: one step per grasp, the same on every machine.
-pub fn curved(log: &GraspLog, motion: MotionNoise, told: Progress<'_>) -> Vec<Step> {
-    if log.dimension == 2 {
+/// A curved object.
+fn curved(dimension: usize, motion: MotionNoise) -> Follower {
+    if dimension == 2 {
         let mut tracker = Box::new(PlanarCurved::new(Gpis::new()));
         expect_curved(&mut tracker, motion);
-        follow_told(&mut *tracker, log, told)
+        Follower::new(tracker)
     } else {
         let mut tracker = Box::new(SpatialCurved::new(Gpis::new()));
         expect_curved(&mut tracker, motion);
-        follow_told(&mut *tracker, log, told)
+        Follower::new(tracker)
     }
 }
 
@@ -179,37 +190,35 @@ fn expect_curved<
     tracker.configure(curved::Settings { motion, ..curved::Settings::DEFAULT });
 }
 
-/// Follows an object of which nobody knows whether it is curved: one step per grasp, the same on
-/// every machine.
-pub fn automatic(log: &GraspLog, motion: MotionNoise, told: Progress<'_>) -> Vec<Step> {
+/// An object of which nobody knows whether it is curved.
+fn automatic(dimension: usize, motion: MotionNoise) -> Follower {
     let faces = hypotheses::Settings { motion, ..hypotheses::Settings::DEFAULT };
-    if log.dimension == 2 {
+    if dimension == 2 {
         let mut tracker =
             Box::new(Automatic::new(PlanarHypotheses::new(), PlanarCurved::new(Gpis::new())));
         tracker.first_mut().configure(faces);
         expect_curved(tracker.second_mut(), motion);
-        follow_told(&mut *tracker, log, told)
+        Follower::new(tracker)
     } else {
         let mut tracker =
             Box::new(Automatic::new(SpatialHypotheses::new(), SpatialCurved::new(Gpis::new())));
         tracker.first_mut().configure(faces);
         expect_curved(tracker.second_mut(), motion);
-        follow_told(&mut *tracker, log, told)
+        Follower::new(tracker)
     }
 }
 
-/// Follows the object through the log with joint hypotheses of pose and faces: one step per grasp, the
-/// same on every machine.
-pub fn several_hypotheses(log: &GraspLog, motion: MotionNoise, told: Progress<'_>) -> Vec<Step> {
+/// Joint hypotheses of pose and faces.
+fn several_hypotheses(dimension: usize, motion: MotionNoise) -> Follower {
     let settings = hypotheses::Settings { motion, ..hypotheses::Settings::DEFAULT };
-    if log.dimension == 2 {
+    if dimension == 2 {
         let mut tracker = Box::new(PlanarHypotheses::new());
         tracker.configure(settings);
-        follow_told(&mut *tracker, log, told)
+        Follower::new(tracker)
     } else {
         let mut tracker = Box::new(SpatialHypotheses::new());
         tracker.configure(settings);
-        follow_told(&mut *tracker, log, told)
+        Follower::new(tracker)
     }
 }
 
@@ -220,17 +229,40 @@ const PLANAR_FACES: usize = 16;
 const SPATIAL_FACES: usize = 16;
 const HISTORY: usize = 256;
 
-/// Follows the object through the log with the Rao-Blackwellised particle filter.
-fn rao_blackwell(log: &GraspLog, settings: &Settings, told: Progress<'_>) -> Vec<Step> {
-    if log.dimension == 2 {
+/// The Rao-Blackwellised particle filter.
+fn rao_blackwell(dimension: usize, settings: &Settings) -> Follower {
+    if dimension == 2 {
         type Filter = RaoBlackwell<Planar, FACED_PARTICLES, PLANAR_FACES, HISTORY>;
         let mut tracker = Box::new(Filter::new());
         tracker.configure(settings.motion, settings.seed);
-        follow_told(&mut *tracker, log, told)
+        Follower::new(tracker)
     } else {
         type Filter = RaoBlackwell<Spatial, FACED_PARTICLES, SPATIAL_FACES, HISTORY>;
         let mut tracker = Box::new(Filter::new());
         tracker.configure(settings.motion, settings.seed);
-        follow_told(&mut *tracker, log, told)
+        Follower::new(tracker)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::with_room;
+    use crate::sim::{Options, simulate};
+
+    #[test]
+    fn one_grasp_after_the_other_is_as_good_as_all_at_once() {
+        let options =
+            Options { grasps: Some(5), ..Options::new("rectangle:0.1x0.06".parse().unwrap()) };
+        let log = simulate(&options).unwrap().log;
+        with_room(|| {
+            let mut follower = Kind::Hypotheses.start(&log, 3);
+            assert!(follower.steps().is_empty());
+            for (k, grasp) in log.grasps.iter().enumerate() {
+                follower.take(grasp, &log.noise);
+                let so_far = GraspLog { grasps: log.grasps[..=k].to_vec(), ..log.clone() };
+                assert_eq!(follower.steps(), Kind::Hypotheses.follow(&so_far, 3), "{k}");
+            }
+        });
     }
 }

@@ -50,6 +50,7 @@ fn explorations_that_cannot_be_are_refused() {
         ("--object ellipse:0.1x0.06 --until coverage:1.2", &["coverage:SHARE"]),
         ("--object ellipse:0.1x0.06 --motion-noise 5mm,10deg", &["--moving"]),
         ("--object ellipse:0.1x0.06 --tracker curved", &["--moving"]),
+        ("--object ellipse:0.1x0.06 --pose 3mm,3deg", &["--moving"]),
         ("--object ellipse:0.1x0.06 --max-actions 0", &["--max-actions"]),
         ("--object ellipse:0.1x0.06 --criterion hunch", &["--criterion", "information"]),
         ("--object missing.ply", &["missing.ply"]),
