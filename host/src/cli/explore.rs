@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use super::Error;
 use super::terminal::{Progress, note, say, tell, tell_report};
-use crate::explore::{self, Candidates, Criterion, Episode, Until};
+use crate::explore::{self, Candidates, Cost, Criterion, Episode, NextArea, Planning, Until};
 use crate::graph;
 use crate::quantity::{self, Deviation};
 use crate::shape::Geometry;
@@ -30,13 +30,31 @@ pub struct ExploreArgs {
     /// What a touch is worth
     #[arg(long, value_enum, default_value_t = Criterion::Information)]
     criterion: Criterion,
-    /// Among which grasps it chooses: the same ten every time, or new ones
+    /// Order of the Rényi entropy of --criterion renyi, above 0; 1 is Shannon's
+    #[arg(long, value_name = "ALPHA", default_value_t = 2.0, value_parser = order)]
+    alpha: f64,
+    /// Among which grasps it chooses: the same ten every time, new ones, or those that face a contact area
     #[arg(long, value_enum, default_value_t = Kinds::Continuous)]
     candidates: Kinds,
     /// How many new ones at every choice
     #[arg(long, value_name = "N", default_value_t = 120,
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=10_000))]
     count: usize,
+    /// Of --candidates clusters: which contact area comes next
+    #[arg(long, value_enum, default_value_t = NextArea::Near)]
+    area: NextArea,
+    /// Grasps to make before the next decision
+    #[arg(long, value_name = "K", default_value_t = 1,
+          value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=20))]
+    batch: usize,
+    /// Choose each grasp for what can follow it, too
+    #[arg(long)]
+    lookahead: bool,
+    /// Choose by gain per second. What takes how long: action=SECONDS, travel=SECONDS_PER_METRE and
+    /// turn=SECONDS_PER_RADIAN from the last grasp, miss=SECONDS where nothing is met; what is left out
+    /// as in action=5,travel=20,turn=3,miss=5
+    #[arg(long, value_name = "COSTS")]
+    cost: Option<Cost>,
     /// The object slips at every grasp, and a tracker follows it
     #[arg(long)]
     moving: bool,
@@ -81,10 +99,17 @@ enum Kinds {
     Fixed,
     /// Any direction and offset
     Continuous,
+    /// Those that face a contact area: an uncertain part of the surface (thesis 4.5.1)
+    Clusters,
 }
 
 fn object(text: &str) -> Result<ObjectSpec, String> {
     text.parse().map_err(|e: ObjectError| e.to_string())
+}
+
+fn order(text: &str) -> Result<f64, String> {
+    let alpha = text.parse::<f64>().ok().filter(|a| a.is_finite() && *a > 0.0);
+    alpha.ok_or_else(|| format!("expected a number above 0, found {text:?}"))
 }
 
 fn until(text: &str) -> Result<Until, String> {
@@ -110,6 +135,13 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         candidates: match args.candidates {
             Kinds::Fixed => Candidates::Fixed,
             Kinds::Continuous => Candidates::Continuous(args.count),
+            Kinds::Clusters => Candidates::Clusters(args.area),
+        },
+        planning: Planning {
+            batch: args.batch,
+            lookahead: args.lookahead,
+            cost: args.cost,
+            alpha: args.alpha,
         },
         tracker: args.moving.then_some(args.tracker),
         graph: args.graph,

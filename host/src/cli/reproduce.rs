@@ -12,8 +12,8 @@ use crate::cli::terminal::{note, say};
 use crate::experiment::chapter2::{self, FIGURES};
 use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{
-    Picture, calibration, chapter3, data, exploration, graphs, localization, memory, pose_graphs,
-    push, sensing, shapes, tracking,
+    Picture, calibration, chapter3, chapter4, data, exploration, graphs, localization, memory,
+    planning, pose_graphs, push, sensing, shapes, tracking,
 };
 use crate::graph;
 use crate::log::write::write_atomically;
@@ -88,12 +88,20 @@ impl PartArgs {
     /// The options that were given, each with the experiments that take it.
     fn given(&self) -> impl Iterator<Item = (&'static str, &'static [&'static str])> {
         const COMPARISONS: &[&str] =
-            &[SHAPES, TRACKING, CONSISTENCY, EXPLORATION[0], EXPLORATION[1]];
+            &[SHAPES, TRACKING, CONSISTENCY, EXPLORATION[0], EXPLORATION[1], PLANNING];
         const NOISY: &[&str] = &[SHAPES, TRACKING, CONSISTENCY];
         const TRACKERS: &[&str] = &[TRACKING, CONSISTENCY, MUJOCO];
         const SIMULATED: &[&str] = &[TRACKING, CONSISTENCY];
-        const ALL: &[&str] =
-            &[SHAPES, TRACKING, CONSISTENCY, MUJOCO, POSE_GRAPHS, EXPLORATION[0], EXPLORATION[1]];
+        const ALL: &[&str] = &[
+            SHAPES,
+            TRACKING,
+            CONSISTENCY,
+            MUJOCO,
+            POSE_GRAPHS,
+            EXPLORATION[0],
+            EXPLORATION[1],
+            PLANNING,
+        ];
         const CORRECTED: &[&str] = &[TRACKING, MUJOCO];
         let options: [(_, &'static [&'static str], bool); 8] = [
             ("--object", ALL, !self.object.is_empty()),
@@ -124,6 +132,9 @@ const MUJOCO: &str = "mujoco";
 /// Actions until a shape is known.
 const EXPLORATION: [&str; 2] = ["table-4.2", "table-4.3"];
 
+/// What planning ahead is worth.
+const PLANNING: &str = "planning";
+
 /// The standard pose graphs of the field; seeds are repetitions.
 const POSE_GRAPHS: &str = "pose-graphs";
 
@@ -135,15 +146,25 @@ const ELECTRODES: &str = "sensing-electrodes";
 const OTHERS: [&str; 3] = ["push", WRENCH, ELECTRODES];
 
 /// Not part of `all`, which would take hours with them.
-const LONG: [&str; 8] =
-    [SHAPES, TRACKING, CONSISTENCY, MUJOCO, POSE_GRAPHS, "calibration", "memory", "table-3.1"];
+const LONG: [&str; 9] = [
+    SHAPES,
+    TRACKING,
+    CONSISTENCY,
+    MUJOCO,
+    POSE_GRAPHS,
+    PLANNING,
+    "calibration",
+    "memory",
+    "table-3.1",
+];
 
 fn names() -> Vec<&'static str> {
     let figures = FIGURES.iter().map(|f| f.name);
     let tracked = chapter3::FIGURES.iter().map(|f| f.name);
     let corrected = graphs::FIGURES.iter().map(|f| f.name);
     let own = OTHERS.into_iter().chain(LONG).chain(EXPLORATION);
-    figures.chain(tracked).chain(corrected).chain(own).chain(["all"]).collect()
+    let explored = chapter4::FIGURES.iter().map(|f| f.name);
+    figures.chain(tracked).chain(corrected).chain(explored).chain(own).chain(["all"]).collect()
 }
 
 /// What an experiment gave: numbers to read, the same for programs, pictures.
@@ -206,6 +227,7 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
         TRACKING | CONSISTENCY => return compare_trackers(args),
         MUJOCO => return follow_recordings(args),
         name if EXPLORATION.contains(&name) => return count_actions(args),
+        PLANNING => return plan_ahead(args),
         POSE_GRAPHS => return optimise_graphs(args),
         _ => (),
     }
@@ -319,6 +341,15 @@ fn count_actions(args: &ReproduceArgs) -> Result<(), Error> {
     conclude(args, &Outcome::new(name, &table, None)?)
 }
 
+/// What planning ahead is worth, row by row as they are done.
+fn plan_ahead(args: &ReproduceArgs) -> Result<(), Error> {
+    let first = args.part.first_seed.unwrap_or(0);
+    let seeds = first..first.saturating_add(args.seeds());
+    let rows = watch(args, planning::heading());
+    let table = planning::run(&args.part.object, seeds, rows).map_err(Error::input)?;
+    conclude(args, &Outcome::new(PLANNING, &table, None)?)
+}
+
 /// The pose graphs, row by row as they are done.
 fn optimise_graphs(args: &ReproduceArgs) -> Result<(), Error> {
     let rows = watch(args, pose_graphs::heading());
@@ -365,6 +396,10 @@ fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
     }
     if let Some(figure) = graphs::figure(name) {
         let drawn = figure.draw(data().as_deref(), args.seeds()).map_err(Error::failure)?;
+        return Outcome::new(name, &drawn, Some(drawn.picture.clone()));
+    }
+    if let Some(figure) = chapter4::figure(name) {
+        let drawn = figure.draw(args.seeds()).map_err(Error::failure)?;
         return Outcome::new(name, &drawn, Some(drawn.picture.clone()));
     }
     if name == "calibration" {

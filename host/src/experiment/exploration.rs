@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::proportion::Proportion;
 use super::with_room;
-use crate::explore::{Candidates, Criterion, Episode, Settings, Until, explore};
+use crate::explore::{Candidates, Criterion, Episode, Planning, Settings, Until, explore};
 use crate::graph;
 use crate::quantity::Deviation;
 use crate::sim::{Bench, ObjectError, ObjectSpec, Options};
@@ -155,6 +155,7 @@ fn row(of: TableOf, object: &ObjectSpec, case: Case, seeds: std::ops::Range<u64>
         candidates: match case.candidates {
             Candidates::Fixed => "fixed",
             Candidates::Continuous(_) => "continuous",
+            Candidates::Clusters(_) => "clusters",
         },
         until: case.until.to_string(),
         reached: Proportion::of(episodes.iter().map(|e| e.as_ref().is_some_and(|e| e.reached))),
@@ -174,6 +175,7 @@ fn episode(of: TableOf, object: &ObjectSpec, case: Case, seed: u64) -> Option<Ep
     let settings = Settings {
         criterion: case.criterion,
         candidates: case.candidates,
+        planning: Planning::default(),
         tracker: (of == TableOf::Moving).then_some(Kind::Hypotheses),
         graph: graph::Kind::None,
         until: case.until,

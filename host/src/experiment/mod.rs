@@ -4,11 +4,13 @@
 pub mod calibration;
 pub mod chapter2;
 pub mod chapter3;
+pub mod chapter4;
 pub mod exploration;
 pub mod graphs;
 pub mod localization;
 pub mod memory;
 pub mod model;
+pub mod planning;
 pub mod pose_graphs;
 pub mod proportion;
 pub mod push;

@@ -1,14 +1,16 @@
 //! The closed loop: choose a grasp, make it, take what was felt, until enough is known.
 
+use std::collections::VecDeque;
 use std::time::Instant;
 
 use nalgebra::{Point3, Translation3};
 
+use super::areas::{self, NextArea};
 use super::belief::{Belief, beside_each_other};
 use super::coverage::Until;
-use super::criterion::{About, Criterion, best, pose_deviation};
+use super::criterion::{About, Criterion, pose_deviation};
 use super::placement::{Placement, drawn, fixed};
-use super::prediction::predict;
+use super::planning::Planning;
 use crate::graph;
 use crate::shape::align::align;
 use crate::sim::Bench;
@@ -36,6 +38,8 @@ pub enum Candidates {
     Fixed,
     /// So many new ones at every choice, about the object as it is believed to be.
     Continuous(usize),
+    /// Those that face the next contact area (thesis 4.5.1).
+    Clusters(NextArea),
 }
 
 /// How to explore.
@@ -46,6 +50,8 @@ pub struct Settings {
     pub criterion: Criterion,
     /// Among what.
     pub candidates: Candidates,
+    /// How far ahead it decides.
+    pub planning: Planning,
     /// Who follows the object; `None` where it is known to stay where it is.
     pub tracker: Option<Kind>,
     /// What corrects the poses after the tracker.
@@ -65,7 +71,8 @@ pub struct Action {
     pub placement: Placement,
     /// What the criterion promised; `None` for the first and for chance.
     pub gain: Option<f64>,
-    /// How long choosing took, seconds: prediction and scores of all candidates.
+    /// How long choosing took, seconds: prediction and scores of all candidates; 0 where it was chosen
+    /// together with the action before.
     pub choosing: f64,
     /// Contacts felt.
     pub contacts: usize,
@@ -110,6 +117,7 @@ pub fn explore(
     let [mut random] = Random::streams(settings.seed ^ 0x5eed_ca5e);
     let dimension = bench.log().dimension;
     let mut actions: Vec<Action> = Vec::new();
+    let mut planned: VecDeque<(Placement, Option<f64>)> = VecDeque::new();
     let (placement, contacts) = first(bench, settings, &mut random)?;
     let mut next = Action { placement, gain: None, choosing: 0.0, contacts, known: 0.0 };
     loop {
@@ -132,9 +140,14 @@ pub fn explore(
         }
 
         let start = Instant::now();
-        let candidates = candidates(&belief, settings, &mut random);
-        let Some((choice, gain)) = choose(&belief, settings, &candidates, &actions, &mut random)
-        else {
+        let decides = planned.is_empty();
+        if decides {
+            let candidates = candidates(&belief, settings, &actions, &mut random);
+            let chosen = choose(&belief, settings, &candidates, &actions, &mut random);
+            planned.extend(chosen.into_iter().map(|(i, gain)| (candidates[i], gain)));
+        }
+        let choosing = if decides { start.elapsed().as_secs_f64() } else { 0.0 };
+        let Some((placement, gain)) = planned.pop_front() else {
             return Ok(finish(actions, steps, false));
         };
         if let (Until::Gain(least), Some(gain)) = (settings.until, gain)
@@ -142,8 +155,6 @@ pub fn explore(
         {
             return Ok(finish(actions, steps, true));
         }
-        let choosing = start.elapsed().as_secs_f64();
-        let placement = candidates[choice];
         let off = (placement.hand.translation.vector - belief.centre).norm();
         let strokes = placement.strokes(dimension, belief.radius + off);
         let contacts = bench.close(&(belief.pose * placement.hand), &strokes);
@@ -165,7 +176,9 @@ fn first(
                 let ten = fixed(dimension, &Point::zeros());
                 ten[((random.unit() * ten.len() as f64) as usize).min(ten.len() - 1)]
             }
-            Candidates::Continuous(_) => drawn(dimension, &Point::zeros(), radius, random),
+            Candidates::Continuous(_) | Candidates::Clusters(_) => {
+                drawn(dimension, &Point::zeros(), radius, random)
+            }
         };
         let strokes = placement.strokes(dimension, 2.0 * radius);
         let contacts = bench.close(&placement.hand, &strokes);
@@ -210,30 +223,40 @@ fn pose_error(bench: &Bench, steps: &[Step], frame: &Pose) -> (f64, f64) {
     ((estimate * centre - truth * centre).norm(), estimate.rotation.angle_to(&truth.rotation))
 }
 
-fn candidates(belief: &Belief, settings: &Settings, random: &mut Random) -> Vec<Placement> {
+fn candidates(
+    belief: &Belief,
+    settings: &Settings,
+    done: &[Action],
+    random: &mut Random,
+) -> Vec<Placement> {
     match settings.candidates {
         // About the middle of what was felt, which moves as more is felt; the ways they face stay.
         Candidates::Fixed => fixed(belief.dimension, &belief.centre),
         Candidates::Continuous(count) => (0..count)
             .map(|_| drawn(belief.dimension, &belief.centre, belief.radius, random))
             .collect(),
+        Candidates::Clusters(next) => {
+            let recent = &done[done.len().saturating_sub(REMEMBERED)..];
+            let recent: Vec<Placement> = recent.iter().map(|a| a.placement).collect();
+            areas::candidates(belief, next, &recent)
+        }
     }
 }
 
-/// Which candidate, and what it promises.
+/// Which candidates, and what each promises.
 fn choose(
     belief: &Belief,
     settings: &Settings,
     candidates: &[Placement],
     done: &[Action],
     random: &mut Random,
-) -> Option<(usize, Option<f64>)> {
+) -> Vec<(usize, Option<f64>)> {
     if candidates.is_empty() {
-        return None;
+        return Vec::new();
     }
     let draw = |open: &[usize], random: &mut Random| {
-        open.get(((random.unit() * open.len() as f64) as usize).min(open.len().saturating_sub(1)))
-            .map(|i| (*i, None))
+        let any = ((random.unit() * open.len() as f64) as usize).min(open.len().saturating_sub(1));
+        open.get(any).map(|i| (*i, None)).into_iter().collect()
     };
     let any: Vec<usize> = (0..candidates.len()).collect();
     let again = |i: &usize, actions: &[Action]| {
@@ -248,10 +271,16 @@ fn choose(
         (_, About::Pose) if pose_deviation(belief) < UNCERTAIN => Criterion::VarianceSum,
         (criterion, _) => criterion,
     };
-    let scores = criterion.scores(belief, &predict(belief, candidates));
     let recent = &done[done.len().saturating_sub(REMEMBERED)..];
-    let choice = best(&scores, |i| again(&i, recent)).or_else(|| best(&scores, |_| false))?;
-    Some((choice, Some(scores[choice])))
+    let last = done.last().map(|a| &a.placement);
+    let plan = |left_out: &dyn Fn(usize) -> bool| {
+        settings.planning.choose(criterion, belief, candidates, last, left_out)
+    };
+    let mut chosen = plan(&|i| again(&i, recent));
+    if chosen.is_empty() {
+        chosen = plan(&|_| false);
+    }
+    chosen.into_iter().map(|(i, gain)| (i, Some(gain))).collect()
 }
 
 /// Whether two grasps are the same one. Fixed ones follow the middle of the contacts, so they are told
@@ -261,7 +290,7 @@ fn same(settings: &Settings, a: &Placement, b: &Placement) -> bool {
         Candidates::Fixed => {
             Placement { hand: Pose::from_parts(Translation3::identity(), p.hand.rotation), ..*p }
         }
-        Candidates::Continuous(_) => *p,
+        Candidates::Continuous(_) | Candidates::Clusters(_) => *p,
     };
     centred(a).repeats(&centred(b))
 }
@@ -284,6 +313,7 @@ mod tests {
         Settings {
             criterion,
             candidates,
+            planning: Planning::default(),
             tracker: None,
             graph: graph::Kind::None,
             until: Until::Lenient,
@@ -338,6 +368,27 @@ mod tests {
         let episode = explore(&mut bench, &settings, |_| ()).unwrap();
         assert!(episode.actions.iter().all(|a| a.contacts <= 5 && a.known <= 1.0));
         assert!(episode.actions.iter().any(|a| a.contacts > 0));
+    }
+
+    #[test]
+    fn contact_areas_lead_round_the_object_and_batches_decide_less_often() {
+        for next in [NextArea::Near, NextArea::Gain] {
+            let mut bench = bench("rectangle:0.1x0.06", STILL, 1);
+            let settings = settings(Criterion::Entropy, Candidates::Clusters(next));
+            let episode = explore(&mut bench, &settings, |_| ()).unwrap();
+            assert!(episode.reached, "{next:?}: {:?}", episode.actions.last());
+        }
+        let mut bench = bench("rectangle:0.1x0.06", STILL, 1);
+        let settings = Settings {
+            planning: Planning { batch: 3, lookahead: true, ..Planning::default() },
+            until: Until::Coverage(1.0),
+            most_actions: 8,
+            ..settings(Criterion::Entropy, Candidates::Continuous(40))
+        };
+        let episode = explore(&mut bench, &settings, |_| ()).unwrap();
+        let decided = episode.actions.iter().map(|a| a.choosing > 0.0).collect::<Vec<_>>();
+        assert_eq!(decided, [false, true, false, false, true, false, false, true]);
+        assert!(episode.actions.iter().skip(1).all(|a| a.gain.is_some_and(|g| g >= 0.0)));
     }
 
     #[test]
