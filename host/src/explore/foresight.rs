@@ -185,7 +185,9 @@ pub(super) mod tests {
                 for (a, b) in after.iter().zip(&before) {
                     assert!(*a <= b + slack && *a >= -1e-12, "{criterion:?} {a} {b}");
                 }
-                assert!(after[taken] < 0.7 * before[taken].max(1e-12), "{criterion:?} {taken}");
+                // With a pose of its own, even the same grasp says something new.
+                let most = if criterion == Criterion::Information { 0.99 } else { 0.7 };
+                assert!(after[taken] < most * before[taken].max(1e-12), "{criterion:?} {taken}");
                 before = after;
             }
         }

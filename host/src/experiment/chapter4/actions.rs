@@ -18,21 +18,24 @@ use crate::explore::prediction::predict;
 use crate::explore::{Belief, Criterion};
 use crate::shape::Geometry;
 use crate::sim::random::Random;
-use crate::sim::{Options, SimError};
+use crate::sim::{Options, SimError, Touch};
 use crate::space::{Point, Pose};
 use crate::view::scatter::{self, Cloud, Scatter};
 use crate::view::sheet::{self, Panel, Sheet};
 
 const OBJECT: &str = "rectangle:0.10x0.06";
 
-/// Grasps from which the shape is known.
-const GRASPS: usize = 4;
+/// Contacts all around from which the shape is known.
+const CONTACTS: usize = 30;
 
 /// Doubt about the pose: metres per axis, radians.
 const DOUBT: (f64, f64) = (5e-3, 10.0 * std::f64::consts::PI / 180.0);
 
 /// Poses that stand for the distribution.
-const PARTICLES: usize = 4000;
+const PARTICLES: usize = 2000;
+
+/// Slopes of the field below this do not make its value a distance.
+const LEAST_SLOPE: f64 = 0.3;
 
 /// What can be done: how far the hand is turned from the first grasp's side, and its posture.
 const ACTIONS: [(&str, f64, f64); 3] = [
@@ -83,7 +86,9 @@ type Felt = Vec<(Point, Point)>;
 impl Subject {
     fn new(seed: u64) -> Result<Subject, FigureError> {
         let object = OBJECT.parse().map_err(SimError::from)?;
-        let options = Options { grasps: Some(GRASPS), seed, ..Options::new(object) };
+        let usual = Options::new(object);
+        let options =
+            Options { grasps: Some(1), contacts: CONTACTS, touch: Touch::Uniform, seed, ..usual };
         let (mut belief, truth) = touched(&options)?;
         let (shift, turn) = (DOUBT.0.powi(2), DOUBT.1.powi(2));
         belief.covariance =
@@ -119,20 +124,22 @@ impl Subject {
         strokes.iter().filter_map(one).collect()
     }
 
-    /// The weights of the poses once this was felt.
+    /// The weights of the poses once this was felt: by the calibrated distance and the normal of each
+    /// contact, the surface's own doubt about both being part of the noise.
     fn weigh(&self, felt: &Felt) -> Vec<f64> {
         let (point, turn) = self.belief.noise;
-        let places: Vec<Point> = felt.iter().map(|f| f.0).collect();
-        let variances = self.belief.surface.variances(&places);
         let one = |pose: &[f64; 3]| -> f64 {
             let back = isometry(pose).inverse();
-            let at: Vec<Point> = places.iter().map(|p| (back * Point3::from(*p)).coords).collect();
-            let fields = self.belief.surface.means_and_gradients(&at);
+            let at: Vec<Point> =
+                felt.iter().map(|(p, _)| (back * Point3::from(*p)).coords).collect();
             let mut sum = 0.0;
-            for (((value, gradient), v), (_, normal)) in fields.iter().zip(&variances).zip(felt) {
-                let slope = gradient.norm().max(0.3);
-                sum += (value / slope).powi(2) / (point * point + v);
-                sum += (gradient.angle(&(back.rotation * normal)) / turn).powi(2);
+            for (field, (_, normal)) in self.belief.surface.evaluate(&at).iter().zip(felt) {
+                let slope = field.gradient.norm().max(LEAST_SLOPE);
+                let distance = point * point + field.variance / (slope * slope);
+                let bend = turn * turn + field.gradient_variance / (slope * slope);
+                let angle = field.gradient.angle(&(back.rotation * normal));
+                sum += (field.value / slope).powi(2) / distance + distance.ln();
+                sum += angle * angle / bend + bend.ln();
             }
             -0.5 * sum
         };
@@ -378,7 +385,7 @@ pub(super) fn show(f: &mut fmt::Formatter<'_>, lines: &[Action]) -> fmt::Result 
     }
     write!(
         f,
-        "  {OBJECT} after {GRASPS} grasps, its pose unknown by 5 mm per axis and 10°, {PARTICLES} poses; \
+        "  {OBJECT} after {CONTACTS} contacts, its pose unknown by 5 mm per axis and 10°, {PARTICLES} poses; \
          median [quartiles], Wilson's 95 % intervals;\n  chosen: greatest KL before; nearest: least \
          error once made (turns as arcs at 5 cm)"
     )
