@@ -40,9 +40,9 @@ pub struct ExploreArgs {
     #[arg(long, value_name = "N", default_value_t = 120,
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=10_000))]
     count: usize,
-    /// Of --candidates clusters: which contact area comes next
-    #[arg(long, value_enum, default_value_t = NextArea::Near)]
-    area: NextArea,
+    /// Of --candidates clusters: which contact area comes next [default: near]
+    #[arg(long, value_enum)]
+    area: Option<NextArea>,
     /// Grasps to make before the next decision
     #[arg(long, value_name = "K", default_value_t = 1,
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=20))]
@@ -121,6 +121,11 @@ fn until(text: &str) -> Result<Until, String> {
 /// # Errors
 /// An object that does not exist or is never met, before anything is written; unwritable results.
 pub fn run(args: &ExploreArgs) -> Result<(), Error> {
+    if args.area.is_some() && args.candidates != Kinds::Clusters {
+        return Err(Error::input(
+            "--area: only --candidates clusters divides the surface into areas",
+        ));
+    }
     check_folder(&args.out).map_err(Error::input)?;
     let still = Deviation { length: 0.0, angle: 0.0 };
     let mut bench = Bench::new(Options {
@@ -135,7 +140,7 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         candidates: match args.candidates {
             Kinds::Fixed => Candidates::Fixed,
             Kinds::Continuous => Candidates::Continuous(args.count),
-            Kinds::Clusters => Candidates::Clusters(args.area),
+            Kinds::Clusters => Candidates::Clusters(args.area.unwrap_or_default()),
         },
         planning: Planning {
             batch: args.batch,

@@ -23,6 +23,12 @@ const PART: usize = 10;
 /// it within this distance, radians and metres.
 const FACING: (f64, f64) = (30.0 * PI / 180.0, 15e-3);
 
+/// The areas that so many last grasps faced are left.
+const LEFT: usize = 2;
+
+/// Which finger is aimed in space.
+const MIDDLE_FINGER: usize = 1;
+
 /// Which contact area comes next.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum NextArea {
@@ -50,19 +56,25 @@ pub fn areas(belief: &Belief, settings: &Settings) -> (Vec<(Point, Point)>, Vec<
     (doubtful, areas)
 }
 
-/// Grasps of the next contact area, or of all of them, the hand's last placements being `recent`
-/// (object frame, the last one last). Empty where there is no surface.
-pub fn candidates(belief: &Belief, next: NextArea, recent: &[Placement]) -> Vec<Placement> {
+/// Grasps of the next contact area, or of all of them, `done` being where the hand closed so far (object
+/// frame, the last one last). What was done before is not done again as long as there is anything else,
+/// since these grasps, unlike drawn ones, would come back at every choice. Empty where there is no
+/// surface.
+pub fn candidates(belief: &Belief, next: NextArea, done: &[Placement]) -> Vec<Placement> {
     let (_, areas) = areas(belief, &Settings::default());
-    match next {
+    let grasps: Vec<Placement> = match next {
         NextArea::Gain => areas.iter().flat_map(|area| facing(belief, area)).collect(),
         NextArea::Near => {
+            let recent = &done[done.len().saturating_sub(LEFT)..];
             let open = |area: &&Area| !recent.iter().any(|p| faces(p, area));
-            let chosen = nearest(belief, areas.iter().filter(open), recent.last())
-                .or_else(|| nearest(belief, areas.iter(), recent.last()));
+            let chosen = nearest(belief, areas.iter().filter(open), done.last())
+                .or_else(|| nearest(belief, areas.iter(), done.last()));
             chosen.map_or_else(Vec::new, |area| facing(belief, area))
         }
-    }
+    };
+    let new: Vec<Placement> =
+        grasps.iter().copied().filter(|g| !done.iter().any(|d| d.repeats(g))).collect();
+    if new.is_empty() { grasps } else { new }
 }
 
 /// The area nearest to where the hand's fingers touched last; the largest where there was no grasp.
@@ -85,8 +97,9 @@ fn faces(placement: &Placement, area: &Area) -> bool {
     palm.angle(&area.normal) < FACING.0 && aside.norm() < FACING.1
 }
 
-/// The grasps whose palm faces the area, the middle of the four fingers on its centre: three postures,
-/// in the plane moved aside by 15 mm or not, in space turned about the palm by steps of 30°.
+/// The grasps whose palm faces the area, in three postures. In the plane the middle of the four fingers
+/// is on the area's centre, or 15 mm to either side of it; in space the middle, or a middle finger, and
+/// the hand is turned about the palm by steps of 60°.
 pub fn facing(belief: &Belief, area: &Area) -> Vec<Placement> {
     let planar = belief.dimension == 2;
     let toward = if planar {
@@ -98,22 +111,35 @@ pub fn facing(belief: &Belief, area: &Area) -> Vec<Placement> {
     };
     let away = area.centre - belief.centre;
     let palm = toward * Point::y();
-    let middle = belief.centre + away - palm * away.dot(&palm);
-    let turns: &[f64] = if planar { &[0.0] } else { &[0.0, 30.0, 60.0, 90.0, 120.0, 150.0] };
-    let slides: &[f64] = if planar { &[0.0, -15e-3, 15e-3] } else { &[0.0] };
+    let height = away.dot(&palm);
+    let middle = area.centre - palm * height;
+    let turns: &[f64] = if planar { &[0.0] } else { &[0.0, 60.0, 120.0] };
     let mut placements = Vec::with_capacity(18);
     for spread in [1.0, 0.75, 0.5] {
+        let slides = match planar {
+            true => vec![Point::zeros(), Point::x() * -15e-3, Point::x() * 15e-3],
+            false => vec![Point::zeros(), -landing(spread, belief.radius, height)],
+        };
         for turn in turns {
             let about = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), turn.to_radians());
             let rotation = toward * about;
-            for slide in slides {
-                let at = middle + rotation * Point::x() * *slide;
-                let hand = Pose::from_parts(Translation3::from(at), rotation);
-                placements.push(Placement { hand, spread });
+            for slide in &slides {
+                let at = Translation3::from(middle + rotation * slide);
+                placements.push(Placement { hand: Pose::from_parts(at, rotation), spread });
             }
         }
     }
     placements
+}
+
+/// How far aside of the hand's middle a middle finger is, `height` metres above it, hand frame.
+fn landing(spread: f64, radius: f64, height: f64) -> Point {
+    let hand = Placement { hand: Pose::identity(), spread };
+    let finger = hand.strokes(3, radius).into_iter().find(|s| s.finger == MIDDLE_FINGER);
+    finger.map_or_else(Point::zeros, |s| {
+        let at = s.start + s.direction * ((height - s.start.y) / s.direction.y);
+        Point::new(at.x, 0.0, at.z)
+    })
 }
 
 #[cfg(test)]
@@ -145,6 +171,14 @@ mod tests {
                 assert!(placements.iter().any(|p| faces(p, area)), "{object}");
                 let palm = placements[0].hand.rotation * Point::y();
                 assert!((palm - area.normal).norm() < 1e-9);
+                if belief.dimension == 3 {
+                    // The second placement of each turn aims a finger at the centre.
+                    let stroke = &placements[1].strokes(3, belief.radius)[MIDDLE_FINGER];
+                    let start = (placements[1].hand * nalgebra::Point3::from(stroke.start)).coords;
+                    let way = placements[1].hand.rotation * stroke.direction;
+                    let off = area.centre - start;
+                    assert!((off - way * off.dot(&way)).norm() < 1e-9);
+                }
                 let near =
                     |p: Point| area.members.iter().any(|m| (points[*m].0 - p).norm() < 0.015);
                 let felt = predict(&belief, &placements);
@@ -160,11 +194,11 @@ mod tests {
         let (_, areas) = areas(&belief, &Settings::default());
         let last = facing(&belief, &areas[0])[0];
         let next = candidates(&belief, NextArea::Near, &[last]);
-        assert_eq!(next.len(), 9);
+        assert!(!next.is_empty() && next.len() <= 9);
         assert!(next.iter().all(|p| !p.repeats(&last)));
         assert!(!faces(&next[0], &areas[0]));
         let all = candidates(&belief, NextArea::Gain, &[last]);
-        assert_eq!(all.len(), 9 * areas.len());
+        assert!(all.len() > 9 * (areas.len() - 1) && all.iter().all(|p| !p.repeats(&last)));
         assert_eq!(candidates(&belief, NextArea::Near, &[]).len(), 9);
     }
 }

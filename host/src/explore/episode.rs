@@ -236,9 +236,8 @@ fn candidates(
             .map(|_| drawn(belief.dimension, &belief.centre, belief.radius, random))
             .collect(),
         Candidates::Clusters(next) => {
-            let recent = &done[done.len().saturating_sub(REMEMBERED)..];
-            let recent: Vec<Placement> = recent.iter().map(|a| a.placement).collect();
-            areas::candidates(belief, next, &recent)
+            let done: Vec<Placement> = done.iter().map(|a| a.placement).collect();
+            areas::candidates(belief, next, &done)
         }
     }
 }

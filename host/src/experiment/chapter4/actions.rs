@@ -353,7 +353,7 @@ pub(super) fn poses(title: &str) -> Result<Vec<u8>, FigureError> {
 pub(super) fn show(f: &mut fmt::Formatter<'_>, lines: &[Action]) -> fmt::Result {
     writeln!(
         f,
-        "  {:<28}{:<20}{:<20}{:<22}{:<20}{:<20}{:<20}{:<20}{:<20}{:<20}error °",
+        "  {:<28}{:<20}{:<20}{:<25}{:<20}{:<20}{:<20}{:<20}{:<20}{:<20}error °",
         "action",
         "KL nats",
         "promised",
@@ -369,7 +369,7 @@ pub(super) fn show(f: &mut fmt::Formatter<'_>, lines: &[Action]) -> fmt::Result 
     for line in lines {
         writeln!(
             f,
-            "  {:<28}{:<20}{:<20}{:<22}{:<20}{:<20}{:<20}{:<20}{:<20}{:<20}{}",
+            "  {:<28}{:<20}{:<20}{:<25}{:<20}{:<20}{:<20}{:<20}{:<20}{:<20}{}",
             line.action,
             show(&line.divergence),
             show(&line.promised),

@@ -51,7 +51,7 @@ pub const FIGURES: &[Figure] = &[
     },
     Figure {
         name: "figure-4.3",
-        title: "Figure 4.3: contact areas where the surface is uncertain, after two grasps",
+        title: "Figure 4.3: contact areas after two grasps",
         view: View::Areas,
         thesis: "picture only; areas “must not be spread”",
     },
