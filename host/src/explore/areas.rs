@@ -23,6 +23,9 @@ const PART: usize = 10;
 /// it within this distance, radians and metres.
 const FACING: (f64, f64) = (30.0 * PI / 180.0, 15e-3);
 
+/// The same distance for a grasp that met nothing: all that [`facing`] gives are nearer, metres.
+const MISSED: f64 = 20e-3;
+
 /// The areas that so many last grasps faced are left.
 const LEFT: usize = 2;
 
@@ -57,11 +60,22 @@ pub fn areas(belief: &Belief, settings: &Settings) -> (Vec<(Point, Point)>, Vec<
 }
 
 /// Grasps of the next contact area, or of all of them, `done` being where the hand closed so far (object
-/// frame, the last one last). What was done before is not done again as long as there is anything else,
-/// since these grasps, unlike drawn ones, would come back at every choice. Empty where there is no
-/// surface.
-pub fn candidates(belief: &Belief, next: NextArea, done: &[Placement]) -> Vec<Placement> {
-    let (_, areas) = areas(belief, &Settings::default());
+/// frame, the last one last) and `missed` where it met nothing. What was done before is not done again
+/// as long as there is anything else, since these grasps, unlike drawn ones, would come back at every
+/// choice. Areas that a missed grasp faced are left: where the surface is a guess, pieces of it may be
+/// that no object has. Empty where there is no surface.
+pub fn candidates(
+    belief: &Belief,
+    next: NextArea,
+    done: &[Placement],
+    missed: &[Placement],
+) -> Vec<Placement> {
+    let (_, all) = areas(belief, &Settings::default());
+    let there = |area: &&Area| !missed.iter().any(|p| faces_within(p, area, MISSED));
+    let mut areas: Vec<Area> = all.iter().filter(there).cloned().collect();
+    if areas.is_empty() {
+        areas = all;
+    }
     let grasps: Vec<Placement> = match next {
         NextArea::Gain => areas.iter().flat_map(|area| facing(belief, area)).collect(),
         NextArea::Near => {
@@ -91,10 +105,14 @@ fn nearest<'a>(
 
 /// Whether the fingers close on the area.
 fn faces(placement: &Placement, area: &Area) -> bool {
+    faces_within(placement, area, FACING.1)
+}
+
+fn faces_within(placement: &Placement, area: &Area, reach: f64) -> bool {
     let palm = placement.hand.rotation * Point::y();
     let away = area.centre - placement.hand.translation.vector;
     let aside = away - palm * away.dot(&palm);
-    palm.angle(&area.normal) < FACING.0 && aside.norm() < FACING.1
+    palm.angle(&area.normal) < FACING.0 && aside.norm() < reach
 }
 
 /// The grasps whose palm faces the area, in three postures. In the plane the middle of the four fingers
@@ -193,12 +211,14 @@ mod tests {
         let belief = belief("rectangle:0.1x0.06");
         let (_, areas) = areas(&belief, &Settings::default());
         let last = facing(&belief, &areas[0])[0];
-        let next = candidates(&belief, NextArea::Near, &[last]);
+        let next = candidates(&belief, NextArea::Near, &[last], &[]);
         assert!(!next.is_empty() && next.len() <= 9);
         assert!(next.iter().all(|p| !p.repeats(&last)));
         assert!(!faces(&next[0], &areas[0]));
-        let all = candidates(&belief, NextArea::Gain, &[last]);
+        let all = candidates(&belief, NextArea::Gain, &[last], &[]);
         assert!(all.len() > 9 * (areas.len() - 1) && all.iter().all(|p| !p.repeats(&last)));
-        assert_eq!(candidates(&belief, NextArea::Near, &[]).len(), 9);
+        assert_eq!(candidates(&belief, NextArea::Near, &[], &[]).len(), 9);
+        let left = candidates(&belief, NextArea::Gain, &[], &[last]);
+        assert!(!left.is_empty() && left.len() <= 9 * (areas.len() - 1));
     }
 }

@@ -236,8 +236,10 @@ fn candidates(
             .map(|_| drawn(belief.dimension, &belief.centre, belief.radius, random))
             .collect(),
         Candidates::Clusters(next) => {
+            let missed = done.iter().filter(|a| a.contacts == 0).map(|a| a.placement);
+            let missed: Vec<Placement> = missed.collect();
             let done: Vec<Placement> = done.iter().map(|a| a.placement).collect();
-            areas::candidates(belief, next, &done)
+            areas::candidates(belief, next, &done, &missed)
         }
     }
 }
