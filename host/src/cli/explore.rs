@@ -16,7 +16,9 @@ use super::terminal::{Progress, SPARK, say, sparkline, tell, tell_report};
 use super::view_address::{self, Address};
 use crate::explore::adviser::MOST;
 use crate::explore::episode::{Action, Event};
-use crate::explore::{self, Adviser, Board, Candidates, Criterion, Episode, Until};
+use crate::explore::{
+    self, Adviser, Board, Candidates, Cost, Criterion, Episode, NextArea, Planning, Until,
+};
 use crate::graph;
 use crate::link::{Patience, Session};
 use crate::quantity::{self, Deviation};
@@ -55,13 +57,31 @@ pub struct ExploreArgs {
     /// What a touch is worth
     #[arg(long, value_enum, default_value_t = Criterion::Information)]
     criterion: Criterion,
-    /// Among which grasps it chooses: the same ten every time, or new ones
+    /// Order of the Rényi entropy of --criterion renyi, above 0; 1 is Shannon's
+    #[arg(long, value_name = "ALPHA", default_value_t = 2.0, value_parser = order)]
+    alpha: f64,
+    /// Among which grasps it chooses: the same ten every time, new ones, or those that face a contact area
     #[arg(long, value_enum, default_value_t = Kinds::Continuous)]
     candidates: Kinds,
     /// How many new ones at every choice
     #[arg(long, value_name = "N", default_value_t = 120,
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=10_000))]
     count: usize,
+    /// Of --candidates clusters: which contact area comes next [default: near]
+    #[arg(long, value_enum)]
+    area: Option<NextArea>,
+    /// Grasps to make before the next decision
+    #[arg(long, value_name = "K", default_value_t = 1,
+          value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=20))]
+    batch: usize,
+    /// Choose each grasp for what can follow it, too
+    #[arg(long)]
+    lookahead: bool,
+    /// Choose by gain per second. What takes how long: action=SECONDS, travel=SECONDS_PER_METRE and
+    /// turn=SECONDS_PER_RADIAN from the last grasp, miss=SECONDS where nothing is met; what is left out
+    /// as in action=5,travel=20,turn=3,miss=5
+    #[arg(long, value_name = "COSTS")]
+    cost: Option<Cost>,
     /// The object slips at every grasp, and a tracker follows it
     #[arg(long)]
     moving: bool,
@@ -121,6 +141,8 @@ enum Kinds {
     Fixed,
     /// Any direction and offset
     Continuous,
+    /// Those that face a contact area: an uncertain part of the surface (thesis 4.5.1)
+    Clusters,
 }
 
 /// A hand as the command line names it.
@@ -159,6 +181,11 @@ fn object(text: &str) -> Result<ObjectSpec, String> {
     text.parse().map_err(|e: ObjectError| e.to_string())
 }
 
+fn order(text: &str) -> Result<f64, String> {
+    let alpha = text.parse::<f64>().ok().filter(|a| a.is_finite() && *a > 0.0);
+    alpha.ok_or_else(|| format!("expected a number above 0, found {text:?}"))
+}
+
 fn until(text: &str) -> Result<Until, String> {
     text.parse()
 }
@@ -168,6 +195,11 @@ fn until(text: &str) -> Result<Until, String> {
 /// # Errors
 /// An object that does not exist or is never met, before anything is written; unwritable results.
 pub fn run(args: &ExploreArgs) -> Result<(), Error> {
+    if args.area.is_some() && args.candidates != Kinds::Clusters {
+        return Err(Error::input(
+            "--area: only --candidates clusters divides the surface into areas",
+        ));
+    }
     check_folder(&args.out).map_err(Error::input)?;
     let still = Deviation { length: 0.0, angle: 0.0 };
     let options = Options {
@@ -183,6 +215,13 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         candidates: match args.candidates {
             Kinds::Fixed => Candidates::Fixed,
             Kinds::Continuous => Candidates::Continuous(args.count),
+            Kinds::Clusters => Candidates::Clusters(args.area.unwrap_or_default()),
+        },
+        planning: Planning {
+            batch: args.batch,
+            lookahead: args.lookahead,
+            cost: args.cost,
+            alpha: args.alpha,
         },
         tracker: args.moving.then_some(args.tracker),
         graph: args.graph,

@@ -12,14 +12,14 @@ use crate::cli::terminal::{note, say};
 use crate::experiment::chapter2::{self, FIGURES};
 use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{
-    calibration, chapter3, data, exploration, graphs, localization, memory, outliers, pose_graphs,
-    probing, push, sensing, shapes, solids, tracking,
+    calibration, chapter3, chapter4, data, exploration, graphs, localization, memory, outliers,
+    planning, pose_graphs, probing, push, sensing, shapes, solids, tracking,
 };
 use crate::graph;
 use crate::log::write::write_atomically;
 use crate::quantity::{self, Deviation};
-use crate::view::drawing::{Drawing, PictureError};
 use crate::slam::trackers::Kind;
+use crate::view::drawing::{Drawing, PictureError};
 
 /// Repeat an experiment: the thesis' number, or our goal, beside ours.
 #[derive(Debug, Args)]
@@ -93,17 +93,17 @@ struct PartArgs {
 impl PartArgs {
     /// The options that were given, each with the experiments that take it.
     fn given(&self) -> impl Iterator<Item = (&'static str, &'static [&'static str])> {
-        const COMPARISONS: &[&str] =
-            &[
-                SHAPES,
-                TRACKING,
-                CONSISTENCY,
-                POSE_GRAPH_OUTLIERS,
-                EXPLORATION[0],
-                EXPLORATION[1],
-                SOLIDS[0],
-                SOLIDS[1],
-            ];
+        const COMPARISONS: &[&str] = &[
+            SHAPES,
+            TRACKING,
+            CONSISTENCY,
+            POSE_GRAPH_OUTLIERS,
+            EXPLORATION[0],
+            EXPLORATION[1],
+            SOLIDS[0],
+            SOLIDS[1],
+            PLANNING,
+        ];
         const NOISY: &[&str] = &[SHAPES, TRACKING, CONSISTENCY];
         const TRACKERS: &[&str] = &[TRACKING, CONSISTENCY, MUJOCO, SOLIDS[1]];
         const SIMULATED: &[&str] = &[TRACKING, CONSISTENCY];
@@ -118,6 +118,7 @@ impl PartArgs {
             EXPLORATION[1],
             SOLIDS[0],
             SOLIDS[1],
+            PLANNING,
         ];
         const CORRECTED: &[&str] = &[TRACKING, MUJOCO];
         let options: [(_, &'static [&'static str], bool); 8] = [
@@ -152,6 +153,9 @@ const EXPLORATION: [&str; 2] = ["table-4.2", "table-4.3"];
 /// Grasps until a spatial object is known.
 const SOLIDS: [&str; 2] = ["solids", "solids-moving"];
 
+/// What planning ahead is worth.
+const PLANNING: &str = "planning";
+
 /// The standard pose graphs of the field; seeds are repetitions.
 const POSE_GRAPHS: &str = "pose-graphs";
 
@@ -166,13 +170,14 @@ const ELECTRODES: &str = "sensing-electrodes";
 const OTHERS: [&str; 4] = ["push", WRENCH, ELECTRODES, probing::NAME];
 
 /// Not part of `all`, which would take hours with them.
-const LONG: [&str; 9] = [
+const LONG: [&str; 10] = [
     SHAPES,
     TRACKING,
     CONSISTENCY,
     MUJOCO,
     POSE_GRAPHS,
     POSE_GRAPH_OUTLIERS,
+    PLANNING,
     "calibration",
     "memory",
     "table-3.1",
@@ -183,8 +188,9 @@ fn names() -> Vec<&'static str> {
     let tracked = chapter3::FIGURES.iter().map(|f| f.name);
     let corrected = graphs::FIGURES.iter().map(|f| f.name);
     let solid = solids::figures::FIGURES.iter().map(|f| f.name);
+    let explored = chapter4::FIGURES.iter().map(|f| f.name).chain(solid);
     let own = OTHERS.into_iter().chain(LONG).chain(EXPLORATION).chain(SOLIDS);
-    figures.chain(tracked).chain(corrected).chain(solid).chain(own).chain(["all"]).collect()
+    figures.chain(tracked).chain(corrected).chain(explored).chain(own).chain(["all"]).collect()
 }
 
 /// What an experiment gave: numbers to read, the same for programs, pictures.
@@ -255,6 +261,7 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
         MUJOCO => return follow_recordings(args),
         name if EXPLORATION.contains(&name) => return count_actions(args),
         name if SOLIDS.contains(&name) => return explore_solids(args),
+        PLANNING => return plan_ahead(args),
         POSE_GRAPHS => return optimise_graphs(args),
         POSE_GRAPH_OUTLIERS => return spoil_graphs(args),
         _ => (),
@@ -393,6 +400,15 @@ fn explore_solids(args: &ReproduceArgs) -> Result<(), Error> {
     conclude(args, &Outcome::new(name, &table, None)?)
 }
 
+/// What planning ahead is worth, row by row as they are done.
+fn plan_ahead(args: &ReproduceArgs) -> Result<(), Error> {
+    let first = args.part.first_seed.unwrap_or(0);
+    let seeds = first..first.saturating_add(args.seeds());
+    let rows = watch(args, planning::heading());
+    let table = planning::run(&args.part.object, seeds, rows).map_err(Error::input)?;
+    conclude(args, &Outcome::new(PLANNING, &table, None)?)
+}
+
 /// The pose graphs, row by row as they are done.
 fn optimise_graphs(args: &ReproduceArgs) -> Result<(), Error> {
     let rows = watch(args, pose_graphs::heading());
@@ -452,6 +468,10 @@ fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
         return Outcome::pictured(name, &drawn, Ok(drawn.picture.clone()));
     }
     if let Some(figure) = solids::figures::figure(name) {
+        let drawn = figure.draw(args.seeds()).map_err(Error::failure)?;
+        return Outcome::pictured(name, &drawn, Ok(drawn.picture.clone()));
+    }
+    if let Some(figure) = chapter4::figure(name) {
         let drawn = figure.draw(args.seeds()).map_err(Error::failure)?;
         return Outcome::pictured(name, &drawn, Ok(drawn.picture.clone()));
     }

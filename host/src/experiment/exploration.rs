@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use super::proportion::Proportion;
 use super::{Spread, with_room};
-use crate::explore::{Candidates, Criterion, End, Episode, Settings, Until, explore};
+use crate::explore::{Candidates, Criterion, End, Episode, Planning, Settings, Until, explore};
 use crate::graph;
 use crate::quantity::Deviation;
 use crate::sim::{Bench, ObjectError, ObjectSpec, Options};
@@ -247,6 +247,7 @@ fn row(case: &Case, seeds: Range<u64>) -> Row {
         candidates: match case.candidates {
             Candidates::Fixed => "fixed",
             Candidates::Continuous(_) => "continuous",
+            Candidates::Clusters(_) => "clusters",
         },
         until: format!("{}{}", case.until, if case.pose { ", pose" } else { "" }),
         actions: mean,
@@ -285,6 +286,7 @@ fn episode(case: &Case, seed: u64) -> Option<Episode> {
     let settings = Settings {
         criterion: case.criterion,
         candidates: case.candidates,
+        planning: Planning::default(),
         tracker: case.tracker,
         graph: graph::Kind::None,
         until: case.until,

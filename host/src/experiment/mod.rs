@@ -4,6 +4,7 @@
 pub mod calibration;
 pub mod chapter2;
 pub mod chapter3;
+pub mod chapter4;
 pub mod exploration;
 pub mod graphs;
 pub mod localization;
@@ -12,6 +13,7 @@ pub mod model;
 pub mod outliers;
 mod peak;
 mod pictures;
+pub mod planning;
 pub mod pose_graphs;
 pub mod probing;
 pub mod proportion;

@@ -3,12 +3,14 @@
 use nalgebra::{DMatrix, DVector, Matrix6, Vector6};
 
 use super::belief::Belief;
+use super::geodesic::Paths;
 use super::pose_gain::{self, PoseMeasure};
 use super::prediction::{Expected, Prediction};
 use crate::reference::Contact;
+use crate::space::Point;
 
-/// α of the Rényi entropy: heavy hypotheses count more than with Shannon's.
-const ALPHA: f64 = 2.0;
+/// Usual order α of the Rényi entropy: heavy hypotheses count more than with Shannon's.
+pub const ALPHA: f64 = 2.0;
 
 /// Constants of the IGEF (4.11–4.15), which the thesis tunes by hand: σ₁ and σ₃ as shares of the
 /// object's radius, μ₃ as a share of it, σ₄ as a number.
@@ -30,11 +32,12 @@ pub enum Criterion {
     VarianceSum,
     /// Greatest variance of the surface at a contact (4.7)
     Variance,
-    /// Information gain estimation function: far from contacts, near what is known (4.11-4.15)
+    /// Information gain estimation function: far from contacts, near what is known (4.11–4.15), with
+    /// the length of the path over the surface
     Igef,
     /// Expected fall of the Shannon entropy of the pose (4.2, 4.3)
     Shannon,
-    /// Expected fall of the Rényi entropy of the pose, α = 2 (4.4)
+    /// Expected fall of the Rényi entropy of the pose (4.4), of the order --alpha
     Renyi,
     /// Mutual information of pose and contacts, Gaussian (4.5)
     MutualInformation,
@@ -84,65 +87,91 @@ impl Criterion {
     pub fn scores(self, belief: &Belief, grasps: &[Vec<Expected>]) -> Vec<f64> {
         match self {
             Criterion::Random | Criterion::NoRepeat => vec![0.0; grasps.len()],
-            Criterion::Igef => grasps.iter().map(|g| igef(belief, g)).collect(),
+            Criterion::Igef => igef(belief, grasps),
             _ => self.worth(belief, &Prediction::of(&belief.surface, grasps.to_vec())),
         }
     }
 
     /// The same for grasps about whose contacts is known already what the surface says.
     pub fn worth(self, belief: &Belief, prediction: &Prediction) -> Vec<f64> {
+        self.worth_of_order(ALPHA, belief, prediction)
+    }
+
+    /// The same with a Rényi entropy of order `alpha`, above 0.
+    pub fn worth_of_order(self, alpha: f64, belief: &Belief, prediction: &Prediction) -> Vec<f64> {
         let Prediction { contacts: grasps, covariances } = prediction;
-        let measured = |measure| pose_gain::gains(belief, prediction, measure);
-        let pairs = grasps.iter().zip(covariances);
+        let imagined = |measure| pose_gain::gains(belief, prediction, measure);
         match self {
             Criterion::Random | Criterion::NoRepeat => vec![0.0; grasps.len()],
-            Criterion::Igef => grasps.iter().map(|g| igef(belief, g)).collect(),
-            Criterion::MutualInformation => pairs.map(|(g, s)| about_pose(belief, g, s)).collect(),
-            Criterion::Shannon => measured(PoseMeasure::Shannon),
-            Criterion::Renyi => measured(PoseMeasure::Renyi(ALPHA)),
-            Criterion::Kl => measured(PoseMeasure::Divergence),
-            Criterion::DetSigma => measured(PoseMeasure::Determinant),
-            Criterion::Variance | Criterion::VarianceSum => {
-                pairs.map(|(g, s)| self.spread(g, s)).collect()
-            }
-            Criterion::Information | Criterion::Pose | Criterion::Both | Criterion::Entropy => {
-                pairs.map(|(g, s)| self.information(belief, g, s.clone())).collect()
+            Criterion::Igef => igef(belief, grasps),
+            Criterion::Shannon => imagined(PoseMeasure::Shannon),
+            Criterion::Renyi => imagined(PoseMeasure::Renyi(alpha)),
+            Criterion::Kl => imagined(PoseMeasure::Divergence),
+            Criterion::DetSigma => imagined(PoseMeasure::Determinant),
+            Criterion::Variance
+            | Criterion::VarianceSum
+            | Criterion::Information
+            | Criterion::Pose
+            | Criterion::Both
+            | Criterion::Entropy
+            | Criterion::MutualInformation => {
+                let pairs = grasps.iter().zip(covariances);
+                pairs.map(|(contacts, s)| self.of_surface(belief, contacts, s)).collect()
             }
         }
     }
 
-    /// Variances times the chance to see them.
-    fn spread(self, contacts: &[Expected], covariance: &DMatrix<f64>) -> f64 {
-        let diagonal = covariance.diagonal();
-        let worth = diagonal.iter().zip(contacts).map(|(v, e)| v.max(0.0) * e.chance);
-        if self == Criterion::Variance { worth.fold(0.0, f64::max) } else { worth.sum() }
+    /// Of the criteria that look at the surface's covariance.
+    fn of_surface(self, belief: &Belief, contacts: &[Expected], surface: &DMatrix<f64>) -> f64 {
+        let variances = surface.diagonal();
+        let seen = variances.iter().zip(contacts).map(|(v, e)| v.max(0.0) * e.chance);
+        match self {
+            Criterion::Variance => seen.fold(0.0, f64::max),
+            Criterion::VarianceSum => seen.sum(),
+            Criterion::MutualInformation => about_pose(belief, contacts, surface),
+            _ => self.information(belief, contacts, surface.clone()),
+        }
     }
 
-    /// ½ log det(I + S + J Σ Jᵀ) − ½ log det(I + J Σ Jᵀ) in units of the contacts' noise, S the joint
-    /// covariance of the surface at the contacts and J Σ Jᵀ what the doubt about the pose does to them:
-    /// what the grasp says about the shape, the pose being a nuisance. Without that doubt it is the
-    /// joint entropy. Of the pose, the shape being the nuisance, ½ log det(I + S + J Σ Jᵀ) −
-    /// ½ log det(I + S).
+    /// ½ log det(S + R) − ½ log det R, S the joint covariance of the surface at the contacts and R
+    /// their [`noise`](Criterion::noise): with the doubt about the pose in R, what the grasp says about
+    /// the shape, the pose being a nuisance; without it the joint entropy. Of the pose, the shape being
+    /// the nuisance, ½ log det(S + R) − ½ log det(S + R₀), R₀ the contacts' own noise.
     fn information(self, belief: &Belief, contacts: &[Expected], mut s: DMatrix<f64>) -> f64 {
-        let noise = belief.noise.0;
-        let unit: Vec<f64> = contacts.iter().map(|e| e.chance.max(1e-6).sqrt() / noise).collect();
-        let moved = |i: usize, j: usize| match self {
-            Criterion::Entropy => 0.0,
-            _ => (row(&contacts[i]).transpose() * belief.covariance * row(&contacts[j]))[0],
-        };
+        // In units of the contacts' noise.
+        let unit: Vec<f64> = contacts.iter().map(|e| 1.0 / deviation(belief, e)).collect();
         let n = contacts.len();
-        let pose = DMatrix::from_fn(n, n, |i, j| {
-            moved(i, j) * unit[i] * unit[j] + f64::from(u8::from(i == j))
-        });
+        let mut noise = self.noise(belief, contacts);
+        noise.iter_mut().enumerate().for_each(|(k, v)| *v *= unit[k % n] * unit[k / n]);
         s.iter_mut().enumerate().for_each(|(k, v)| *v *= unit[k % n] * unit[k / n]);
-        let all = half_log_determinant(&pose + &s);
+        let all = half_log_determinant(&noise + &s);
         let about_pose = |s: DMatrix<f64>| all - half_log_determinant(s + DMatrix::identity(n, n));
         match self {
             Criterion::Pose => about_pose(s),
-            Criterion::Both => all - half_log_determinant(pose) + about_pose(s),
-            _ => all - half_log_determinant(pose),
+            Criterion::Both => all - half_log_determinant(noise) + about_pose(s),
+            _ => all - half_log_determinant(noise),
         }
     }
+
+    /// Covariance of what the contacts will say about the surface, m²: their own noise, and for
+    /// [`Criterion::Information`] what the doubt about the pose does to them, J Σ Jᵀ.
+    pub(super) fn noise(self, belief: &Belief, contacts: &[Expected]) -> DMatrix<f64> {
+        let n = contacts.len();
+        DMatrix::from_fn(n, n, |i, j| {
+            let own = if i == j { deviation(belief, &contacts[i]).powi(2) } else { 0.0 };
+            match self {
+                Criterion::Information | Criterion::Pose | Criterion::Both => {
+                    own + row(&contacts[i]).dot(&(belief.covariance * row(&contacts[j])))
+                }
+                _ => own,
+            }
+        })
+    }
+}
+
+/// Of a contact's noise, metres; large where there may be no contact.
+fn deviation(belief: &Belief, contact: &Expected) -> f64 {
+    belief.noise.0 / contact.chance.max(1e-6).sqrt()
 }
 
 /// How a contact's distance to the surface changes with the pose: translation, then rotation.
@@ -158,10 +187,23 @@ fn half_log_determinant(matrix: DMatrix<f64>) -> f64 {
 
 /// Mutual information of the pose and the contacts of a grasp: ½ log det(I + Σ Jᵀ R⁻¹ J), the shape's
 /// own doubt being part of R.
-fn about_pose(belief: &Belief, contacts: &[Expected], covariance: &DMatrix<f64>) -> f64 {
+fn about_pose(belief: &Belief, contacts: &[Expected], surface: &DMatrix<f64>) -> f64 {
+    let information = pose_information(belief, contacts, surface);
+    let Some(root) = root(&belief.covariance) else { return 0.0 };
+    let seen = Matrix6::identity() + root.transpose() * information * root;
+    seen.cholesky().map_or(0.0, |c| c.l_dirty().diagonal().iter().map(|d| d.ln()).sum())
+}
+
+/// Jᵀ R⁻¹ J: what the contacts, distances and normals, say about the pose where the surface has this
+/// covariance.
+pub(super) fn pose_information(
+    belief: &Belief,
+    contacts: &[Expected],
+    surface: &DMatrix<f64>,
+) -> Matrix6<f64> {
     let (point, normal) = belief.noise;
     let mut information = Matrix6::zeros();
-    for (e, v) in contacts.iter().zip(covariance.diagonal().iter()) {
+    for (e, v) in contacts.iter().zip(surface.diagonal().iter()) {
         let h = row(e);
         information += h * h.transpose() * (e.chance / (point * point + v.max(0.0)));
         // The normal turns with the object about every axis but itself.
@@ -170,9 +212,7 @@ fn about_pose(belief: &Belief, contacts: &[Expected], covariance: &DMatrix<f64>)
         turns.fixed_view_mut::<3, 3>(3, 3).copy_from(&across);
         information += turns * (e.chance / (normal * normal));
     }
-    let Some(root) = root(&belief.covariance) else { return 0.0 };
-    let seen = Matrix6::identity() + root.transpose() * information * root;
-    seen.cholesky().map_or(0.0, |c| c.l_dirty().diagonal().iter().map(|d| d.ln()).sum())
+    information
 }
 
 /// A square root of a covariance that may be singular.
@@ -184,29 +224,29 @@ pub(super) fn root(covariance: &Matrix6<f64>) -> Option<Matrix6<f64>> {
     })
 }
 
-/// Σ over the contacts of Ψ₁Ψ₂Ψ₃Ψ₄ (4.11–4.15). The current contact is the one felt nearest to the
-/// target; the path over the surface from it is taken for the arc of a circle that has both normals,
-/// and is in radii of the object.
-fn igef(belief: &Belief, contacts: &[Expected]) -> f64 {
-    let scale = belief.radius;
+/// Σ over the contacts of each grasp of Ψ₁Ψ₂Ψ₃Ψ₄ (4.11–4.15). The current contact is the one felt
+/// nearest to the target by the path over the believed surface; lengths are in radii of the object.
+fn igef(belief: &Belief, grasps: &[Vec<Expected>]) -> Vec<f64> {
+    let felt: Vec<Point> = belief.contacts.iter().map(|c| c.point).collect();
+    let paths = Paths::new(&belief.geometry, &felt);
+    let one = |e: &Expected| e.chance * igef_at(belief, &paths, &e.point, &e.normal);
+    grasps.iter().map(|g| g.iter().map(one).sum()).collect()
+}
+
+/// Ψ (4.15) of a target on the believed surface with its unit normal; 0 where no path leads there. The
+/// paths start at the contacts of the belief.
+pub fn igef_at(belief: &Belief, paths: &Paths<'_>, target: &Point, normal: &Point) -> f64 {
     let [sigma_1, sigma_3, mu_3, sigma_4] = IGEF;
-    let one = |e: &Expected| {
-        let nearest = belief
-            .contacts
-            .iter()
-            .min_by(|a, b| (a.point - e.point).norm().total_cmp(&(b.point - e.point).norm()));
-        let Some(Contact { point, normal, .. }) = nearest else { return 0.0 };
-        let chord = (point - e.point).norm() / scale;
-        let cosine = normal.map_or(1.0, |n| n.dot(&e.normal).clamp(-1.0, 1.0));
-        let half = (0.5 * cosine.acos()).max(1e-3);
-        let path = (chord * half / half.sin()).max(1e-2);
-        let far = 1.0 - (-(chord / sigma_1).powi(2)).exp();
-        let near = (-((chord - mu_3) / sigma_3).powi(2)).exp();
-        // sin²(½ acos c) = (1 − c)/2
-        let turn = (-(1.0 - cosine) / (sigma_4 * sigma_4)).exp();
-        e.chance * far / path * near * turn
-    };
-    contacts.iter().map(one).sum()
+    let Some((from, path)) = paths.to(target) else { return 0.0 };
+    let Some(Contact { point, normal: felt, .. }) = belief.contacts.get(from) else { return 0.0 };
+    let chord = (point - target).norm() / belief.radius;
+    let path = (path / belief.radius).max(1e-2);
+    let cosine = felt.map_or(1.0, |n| n.dot(normal).clamp(-1.0, 1.0));
+    let far = 1.0 - (-(chord / sigma_1).powi(2)).exp();
+    let near = (-((chord - mu_3) / sigma_3).powi(2)).exp();
+    // 2 sin²(½ acos c) = 1 − c
+    let turn = (-(1.0 - cosine) / (sigma_4 * sigma_4)).exp();
+    far / path * near * turn
 }
 
 /// The best of some scores, never one that is left out; ties by the lower index. `None` where nothing
@@ -304,6 +344,74 @@ mod tests {
             let scores = criterion.scores(&belief, &[felt.clone(), far.clone()]);
             assert!(scores[1] > 2.0 * scores[0], "{criterion:?} {scores:?}");
         }
+    }
+
+    #[test]
+    fn gains_are_never_losses_and_renyi_meets_shannon() {
+        let mut belief = belief();
+        let grasps = predict(&belief, &fixed(2, &belief.centre));
+        for spread in [1e-6, 1e-5, 1e-4] {
+            belief.covariance =
+                Matrix6::from_diagonal(&Vector6::new(spread, 2.0 * spread, 0.0, 0.0, 0.0, 0.02));
+            for criterion in [Criterion::MutualInformation, Criterion::Kl, Criterion::Information] {
+                let scores = criterion.scores(&belief, &grasps);
+                assert!(scores.iter().all(|s| *s >= 0.0), "{criterion:?} {scores:?}");
+            }
+            let shannon = Criterion::Shannon.scores(&belief, &grasps);
+            let near = Criterion::Renyi.scores_of_order(1.0 + 1e-4, &belief, &grasps);
+            let far = Criterion::Renyi.scores_of_order(5.0, &belief, &grasps);
+            for i in 0..grasps.len() {
+                assert!((near[i] - shannon[i]).abs() < 1e-3 * (1.0 + shannon[i]));
+                // Against equally likely poses the fall grows with the order.
+                assert!(far[i] >= shannon[i] - 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn the_poses_deviation_does_not_hang_on_the_frame_or_the_unit() {
+        let mut belief = belief();
+        let factor = Matrix6::from_fn(|i, j| ((i * 7 + j * 3) % 5) as f64 * 1e-3 - 1e-3);
+        for dimension in [2, 3] {
+            belief.dimension = dimension;
+            belief.covariance = factor * factor.transpose() + Matrix6::identity() * 1e-6;
+            let before = pose_deviation(&belief);
+            assert!(before > 0.0);
+            let turn = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::z_axis(), 0.7);
+            let mut turns = Matrix6::zeros();
+            for at in [0, 3] {
+                turns.fixed_view_mut::<3, 3>(at, at).copy_from(turn.matrix());
+            }
+            belief.covariance = turns * belief.covariance * turns.transpose();
+            assert!((pose_deviation(&belief) / before - 1.0).abs() < 1e-9, "{dimension}");
+            // Millimetres for metres: a thousand times the number.
+            let unit = Matrix6::from_diagonal(&Vector6::new(1e3, 1e3, 1e3, 1.0, 1.0, 1.0));
+            belief.covariance = unit * belief.covariance * unit;
+            belief.radius *= 1e3;
+            assert!((pose_deviation(&belief) / before - 1e3).abs() < 1e-6, "{dimension}");
+            belief.radius /= 1e3;
+        }
+    }
+
+    #[test]
+    fn the_way_to_the_far_side_leads_round_the_object() {
+        let belief = belief();
+        let far = Expected {
+            finger: 0,
+            point: belief.contacts[0].point,
+            normal: belief.contacts[0].normal.unwrap(),
+            chance: 1.0,
+        };
+        let felt: Vec<Point> = belief.contacts.iter().map(|c| c.point).collect();
+        let paths = Paths::new(&belief.geometry, &felt);
+        for (point, normal) in belief.geometry.samples(40) {
+            let (from, path) = paths.to(&point).unwrap();
+            // The fitted surface passes contacts within a few of their deviations.
+            assert!(path >= (felt[from] - point).norm() - 5e-3);
+            assert!(igef_at(&belief, &paths, &point, &normal) >= 0.0);
+        }
+        // Where it was felt there is nothing to learn.
+        assert!(Criterion::Igef.scores(&belief, &[vec![far]])[0] < 0.05);
     }
 
     #[test]

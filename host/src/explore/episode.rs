@@ -1,36 +1,38 @@
 //! The closed loop: choose a grasp, make it, take what was felt, until enough is known.
 
+use std::collections::VecDeque;
 use std::time::Instant;
 
 use nalgebra::{Point3, Translation3};
+use tactile_core::track::Status;
 
-use super::adviser::{Adviser, Closing};
+use super::adviser::Adviser;
+use super::areas::NextArea;
 use super::belief::{Belief, beside_each_other};
-use super::coverage::Until;
-use super::criterion::{About, Criterion, best, pose_deviation};
+use super::choice::{advised, candidates, choose, same};
+use super::coverage::{SAMPLES, Until, honesty};
+use super::criterion::Criterion;
+use super::localization;
 use super::placement::{Placement, drawn, fixed};
-use super::prediction::predict;
+use super::planning::Planning;
 use crate::graph;
 use crate::link::SessionError;
 use crate::log::GraspLog;
-use crate::shape::align::align;
-use crate::sim::Bench;
+use crate::quantity::Deviation;
+use crate::sim::hand::Unreachable;
 use crate::sim::random::Random;
+use crate::sim::{Bench, Hand};
+use crate::slam::gauge::gauge;
 use crate::slam::reconstruct;
-use crate::slam::track::Step;
+use crate::slam::track::{Follower, Step};
 use crate::slam::trackers::Kind;
 use crate::space::{Point, Pose};
 
 /// Tries at a first grasp that feels anything.
 const FIRST_TRIES: usize = 50;
 
-/// Grasps that are not done again at once.
-const REMEMBERED: usize = 2;
-
-/// Deviation of the pose per degree of freedom ([`pose_deviation`]) above which a criterion about the
-/// pose takes over from 4.20, metres: the thesis' "fixed variance threshold", whose number it does not
-/// give.
-const UNCERTAIN: f64 = 3e-3;
+/// How probable it must be that the last pose is within its tolerance.
+pub const SURE: f64 = 0.95;
 
 /// Among what a hand chooses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,6 +41,9 @@ pub enum Candidates {
     Fixed,
     /// So many new ones at every choice, about the object as it is believed to be.
     Continuous(usize),
+    /// Those that face the next contact area (thesis 4.5.1). Of the idealised hand: an articulated one
+    /// has its [`Fixed`](Candidates::Fixed) ones instead.
+    Clusters(NextArea),
 }
 
 /// How to explore.
@@ -49,12 +54,17 @@ pub struct Settings {
     pub criterion: Criterion,
     /// Among what.
     pub candidates: Candidates,
+    /// How far ahead it decides.
+    pub planning: Planning,
     /// Who follows the object; `None` where it is known to stay where it is.
     pub tracker: Option<Kind>,
     /// What corrects the poses after the tracker.
     pub graph: graph::Kind,
-    /// When to stop.
+    /// When enough of the shape is known.
     pub until: Until,
+    /// How well the last pose must be known besides, with [`SURE`] probability by the explorer's own
+    /// account, where a tracker follows the object; `None` asks for the shape alone.
+    pub pose: Option<Deviation>,
     /// When to stop all the same.
     pub most_actions: usize,
     /// Of the draws.
@@ -93,12 +103,20 @@ pub struct Action {
     pub placement: Placement,
     /// What the criterion promised; `None` for the first and for chance.
     pub gain: Option<f64>,
-    /// How long choosing took, seconds: prediction and scores of all candidates.
+    /// How long choosing took, seconds: prediction and scores of all candidates; 0 where it was chosen
+    /// together with the action before.
     pub choosing: f64,
     /// Contacts felt.
     pub contacts: usize,
+    /// Why the hand could not get there, where it could not; the object was not touched then.
+    pub refused: Option<Unreachable>,
     /// Share of the surface that counts as known after it.
     pub known: f64,
+    /// Probability that the pose is within its tolerance after it, by the explorer's own account; `None`
+    /// where none is asked for.
+    pub localised: Option<f64>,
+    /// How long it took to make tracker and surface of what was felt, seconds.
+    pub learning: f64,
 }
 
 /// A finished exploration. The log is the bench's.
@@ -106,13 +124,57 @@ pub struct Action {
 pub struct Episode {
     /// In their order.
     pub actions: Vec<Action>,
-    /// Whether enough is known, and not merely the actions used up.
-    pub reached: bool,
+    /// Why there were no more.
+    pub end: End,
     /// The poses in the end.
     pub steps: Vec<Step>,
-    /// Error of the last pose, metres at the object's centroid and radians: how far the believed
-    /// object, laid on the true one as well as it goes, is from where the true one is.
+    /// Error of the last pose, metres at the object's centroid and radians, in the frame in which all
+    /// contacts lie best on the true surface.
     pub pose_error: (f64, f64),
+    /// How far that frame is from the one that the first grasp alone would give, likewise.
+    pub drift: (f64, f64),
+    /// Share of what the belief calls known whose error is within two of its standard deviations
+    /// ([`honesty`]).
+    pub honesty: Option<f64>,
+    /// Actions that were nearly one before them.
+    pub repeats: usize,
+    /// Grasps that the tracker could not explain.
+    pub lost: usize,
+}
+
+/// Why an exploration ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// Enough is known.
+    Known,
+    /// No grasp promises enough, which was asked for.
+    NothingToGain,
+    /// The actions are used up.
+    OutOfActions,
+    /// No feasible grasp is left.
+    NoCandidate,
+}
+
+impl Episode {
+    /// Whether what was asked for is known.
+    pub fn reached(&self) -> bool {
+        matches!(self.end, End::Known | End::NothingToGain)
+    }
+}
+
+impl Action {
+    fn new(placement: Placement, contacts: usize) -> Action {
+        Action {
+            placement,
+            gain: None,
+            choosing: 0.0,
+            contacts,
+            refused: None,
+            known: 0.0,
+            localised: None,
+            learning: 0.0,
+        }
+    }
 }
 
 /// Why there is no exploration.
@@ -121,6 +183,9 @@ pub enum Error {
     /// The hand never met the object.
     #[error("the hand closed on nothing {FIRST_TRIES} times; is the object too small?")]
     Missed,
+    /// Probing found nothing to explore.
+    #[error("probing from every side: {0}; is the object out of the hand's reach?")]
+    NotFound(#[from] Unreachable),
     /// What was felt makes no surface.
     #[error(transparent)]
     Surface(#[from] reconstruct::Error),
@@ -128,6 +193,10 @@ pub enum Error {
     #[error(transparent)]
     Adviser(#[from] SessionError),
 }
+
+/// What a belief is judged by: it, and the pose that takes the true object frame to the believed one,
+/// give the share that counts as known and how much of it is enough.
+type Judge<'a> = dyn FnMut(&Belief, &Pose) -> (f64, f64) + 'a;
 
 /// Explores the object on the bench, and tells `watch` of every choice and every action.
 ///
@@ -149,86 +218,185 @@ pub fn explore(
 pub fn explore_advised(
     bench: &mut Bench,
     settings: &Settings,
-    mut adviser: Option<&mut dyn Adviser>,
+    adviser: Option<&mut dyn Adviser>,
     mut watch: impl FnMut(Event<'_>),
 ) -> Result<Episode, Error> {
+    let surface = bench.reachable(SAMPLES);
+    let mut judge =
+        |belief: &Belief, frame: &Pose| settings.until.known_of(belief, &surface, frame);
+    run(bench, settings, &mut judge, adviser, &mut watch)
+}
+
+/// The same with another measure of what is known: of a belief, and the pose that takes the true object
+/// frame to the believed one, it tells the share that counts as known and how much of it is enough.
+///
+/// # Errors
+/// As [`explore`].
+pub fn explore_until(
+    bench: &mut Bench,
+    settings: &Settings,
+    mut known: impl FnMut(&Belief, &Pose) -> (f64, f64),
+    mut watch: impl FnMut(Event<'_>),
+) -> Result<Episode, Error> {
+    run(bench, settings, &mut known, None, &mut watch)
+}
+
+fn run(
+    bench: &mut Bench,
+    settings: &Settings,
+    judge: &mut Judge<'_>,
+    mut adviser: Option<&mut dyn Adviser>,
+    watch: &mut dyn FnMut(Event<'_>),
+) -> Result<Episode, Error> {
     let [mut random] = Random::streams(settings.seed ^ 0x5eed_ca5e);
-    let dimension = bench.log().dimension;
+    let mut poses = Poses::new(bench.log(), settings);
     let mut actions: Vec<Action> = Vec::new();
-    let (placement, contacts) = first(bench, settings, &mut random)?;
-    let mut next = Action { placement, gain: None, choosing: 0.0, contacts, known: 0.0 };
+    let mut planned: VecDeque<(Placement, Option<f64>)> = VecDeque::new();
+    let (placement, contacts) = first(bench, &mut poses, settings, &mut random)?;
+    let mut next = Action::new(placement, contacts);
+    let mut before: Option<Belief> = None;
     loop {
-        let steps = follow(bench, settings);
-        let belief = match settings.tracker {
-            None => Belief::new(bench.log(), &steps)?,
-            Some(_) => Belief::new(bench.log(), &beside_each_other(bench.log(), &steps))?,
+        let start = Instant::now();
+        let steps = poses.after(bench.log());
+        let mut belief = match (settings.tracker, &before) {
+            (None, Some(before)) => before.after(bench.log(), &steps)?,
+            (None, None) => Belief::new(bench.log(), &steps)?,
+            (Some(_), _) => Belief::new(bench.log(), &beside_each_other(bench.log(), &steps))?,
         };
-        let truth = true_frame(bench, settings, &belief, &steps);
-        let (known, enough) = settings.until.known(&belief, bench.geometry(), &truth);
+        belief.hand = bench.hand().clone();
+        next.learning = start.elapsed().as_secs_f64();
+        let truth = true_frame(bench, settings, &steps);
+        let (known, enough) = judge(&belief, &truth);
         next.known = known;
+        let tolerance = settings.pose.filter(|_| settings.tracker.is_some());
+        next.localised = tolerance.map(|tolerance| {
+            let before = before.as_ref().filter(|_| !is_lost(&steps));
+            before.map_or(0.0, |b| localization::known(b, &belief, bench.log(), &tolerance))
+        });
+        let localised = next.localised.is_none_or(|p| p >= SURE);
         let log = bench.log();
         watch(Event::Touched { action: &next, log, steps: &steps, belief: &belief });
         actions.push(next);
-        let finish = |actions, steps: Vec<Step>, reached| {
-            let pose_error = pose_error(bench, &steps, &truth);
-            Episode { actions, reached, steps, pose_error }
+        let finish = |actions: Vec<Action>, steps: Vec<Step>, end| {
+            let start = true_start(bench, &steps);
+            Episode {
+                pose_error: apart(bench, &steps, &truth),
+                drift: between(bench, &start, &truth),
+                honesty: honesty(&belief, bench.geometry(), &truth),
+                repeats: repeats(settings, &actions),
+                lost: steps.iter().filter(|s| s.status == Status::Lost).count(),
+                actions,
+                end,
+                steps,
+            }
         };
-        if known >= enough || actions.len() >= settings.most_actions {
-            return Ok(finish(actions, steps, known >= enough));
+        if known >= enough && localised {
+            return Ok(finish(actions, steps, End::Known));
+        }
+        if actions.len() >= settings.most_actions {
+            return Ok(finish(actions, steps, End::OutOfActions));
         }
 
         let start = Instant::now();
-        let candidates = candidates(&belief, settings, &mut random);
-        let Some((choice, gains)) = choose(&belief, settings, &candidates, &actions, &mut random)
-        else {
-            return Ok(finish(actions, steps, false));
-        };
-        let (choice, gain) = match adviser.as_deref_mut() {
-            None => (choice, gains.get(choice).copied()),
-            Some(adviser) => {
-                let open = open(settings, &candidates, &actions);
-                let closings: Vec<Closing> =
-                    open.iter().map(|i| closing(&belief, &candidates[*i])).collect();
-                let (advised, gain) = adviser.choose(bench.log(), &closings)?;
-                (open.get(advised).copied().unwrap_or(choice), Some(gain))
+        let decides = planned.is_empty();
+        if decides {
+            let candidates = candidates(&belief, bench.table(), settings, &actions, &mut random);
+            let mut choice = choose(&belief, &steps, settings, &candidates, &actions, &mut random);
+            if let (Some(adviser), false) = (adviser.as_deref_mut(), choice.grasps.is_empty()) {
+                choice.grasps =
+                    advised(adviser, &belief, bench.log(), settings, &candidates, &actions)?;
             }
+            if let Some((first, _)) = choice.grasps.first() {
+                let (candidates, gains) = (&candidates[..], &choice.gains[..]);
+                watch(Event::Chosen { candidates, gains, choice: *first });
+            }
+            planned.extend(choice.grasps.iter().map(|(i, gain)| (candidates[*i], *gain)));
+        }
+        let choosing = if decides { start.elapsed().as_secs_f64() } else { 0.0 };
+        let Some((placement, gain)) = planned.pop_front() else {
+            return Ok(finish(actions, steps, End::NoCandidate));
         };
         if let (Until::Gain(least), Some(gain)) = (settings.until, gain)
             && gain < least
+            && localised
         {
-            return Ok(finish(actions, steps, true));
+            return Ok(finish(actions, steps, End::NothingToGain));
         }
-        let choosing = start.elapsed().as_secs_f64();
-        watch(Event::Chosen { candidates: &candidates, gains: &gains, choice });
-        let placement = candidates[choice];
+        if !decides {
+            let (candidates, gains) = ([placement], Vec::from_iter(gain));
+            watch(Event::Chosen { candidates: &candidates, gains: &gains, choice: 0 });
+        }
         let off = (placement.hand.translation.vector - belief.centre).norm();
-        let strokes = placement.strokes(dimension, belief.radius + off);
-        let contacts = bench.close(&(belief.pose * placement.hand), &strokes);
-        next = Action { placement, gain, choosing, contacts, known: 0.0 };
+        let at = belief.pose * placement.hand;
+        let felt = bench.grasp(&at, placement.spread, belief.radius + off);
+        let (contacts, refused) = felt.map_or_else(|why| (0, Some(why)), |count| (count, None));
+        next = Action { gain, choosing, refused, ..Action::new(placement, contacts) };
+        before = Some(belief);
     }
 }
 
-/// The first grasp, of which nothing is known but where the object roughly is: any candidate about the
-/// world's origin, again until something is felt. Closings that felt nothing stay in the log.
+/// The poses of all grasps as they are known now.
+struct Poses {
+    tracker: Option<Follower>,
+    graph: graph::Kind,
+    taken: usize,
+}
+
+impl Poses {
+    fn new(log: &GraspLog, settings: &Settings) -> Poses {
+        let tracker = settings.tracker.map(|kind| kind.start(log, settings.seed));
+        Poses { tracker, graph: settings.graph, taken: 0 }
+    }
+
+    /// Takes the grasps that are new in the log.
+    fn after(&mut self, log: &GraspLog) -> Vec<Step> {
+        let Some(tracker) = &mut self.tracker else {
+            return vec![Step::certain(Pose::identity()); log.grasps.len()];
+        };
+        for grasp in log.grasps.iter().skip(self.taken) {
+            tracker.take(grasp, &log.noise);
+        }
+        self.taken = log.grasps.len();
+        let steps = tracker.steps();
+        self.graph.correct(log, &steps).map_or(steps, |corrected| corrected.steps)
+    }
+}
+
+fn is_lost(steps: &[Step]) -> bool {
+    steps.last().is_some_and(|s| s.status == Status::Lost)
+}
+
+/// The first action. An articulated hand delimits the object by probing (thesis figure 4.2), all guarded
+/// moves together counted as one action. The idealised hand grasps: any candidate about the world's origin,
+/// again until something is felt; closings that felt nothing stay in the log.
 fn first(
     bench: &mut Bench,
+    poses: &mut Poses,
     settings: &Settings,
     random: &mut Random,
 ) -> Result<(Placement, usize), Error> {
     let (dimension, radius) = (bench.log().dimension, bench.radius());
+    if matches!(bench.hand(), Hand::Articulated(_)) {
+        let probe = bench.probe()?;
+        let contacts = probe.touches().count();
+        let middle = Translation3::from((probe.low + probe.high) / 2.0);
+        return Ok((Placement { hand: middle.into(), spread: 0.0 }, contacts));
+    }
     for _ in 0..FIRST_TRIES {
         let placement = match settings.candidates {
             Candidates::Fixed => {
                 let ten = fixed(dimension, &Point::zeros());
                 ten[((random.unit() * ten.len() as f64) as usize).min(ten.len() - 1)]
             }
-            Candidates::Continuous(_) => drawn(dimension, &Point::zeros(), radius, random),
+            Candidates::Continuous(_) | Candidates::Clusters(_) => {
+                drawn(dimension, &Point::zeros(), radius, random)
+            }
         };
         let strokes = placement.strokes(dimension, 2.0 * radius);
         let contacts = bench.close(&placement.hand, &strokes);
         if contacts > 0 {
             // In the object frame, which a tracker puts at the middle of the contacts.
-            let steps = follow(bench, settings);
+            let steps = poses.after(bench.log());
             let hand = steps.last().map_or(placement.hand, |s| s.pose.inv_mul(&placement.hand));
             return Ok((Placement { hand, ..placement }, contacts));
         }
@@ -236,235 +404,42 @@ fn first(
     Err(Error::Missed)
 }
 
-/// The poses of all grasps as they are known now.
-fn follow(bench: &Bench, settings: &Settings) -> Vec<Step> {
-    let log = bench.log();
-    let Some(tracker) = settings.tracker else {
-        return vec![Step::certain(Pose::identity()); log.grasps.len()];
-    };
-    let steps = tracker.follow(log, settings.seed);
-    settings.graph.correct(log, &steps).map_or(steps, |corrected| corrected.steps)
-}
-
 /// From the true object frame to the believed one: by the first grasp, which fixed it. Where the pose
-/// is tracked, nobody can know how that grasp lay on the shape beyond what it felt, and the shapes are
-/// aligned from there.
-fn true_frame(bench: &Bench, settings: &Settings, belief: &Belief, steps: &[Step]) -> Pose {
-    let first = bench.log().grasps.first().and_then(|g| g.truth).zip(steps.first());
-    let frame = first.map_or_else(Pose::identity, |(truth, step)| step.pose.inv_mul(&truth));
+/// is tracked, nobody can know how that grasp lay on the shape beyond what it felt: then by where all
+/// contacts at the tracked poses lie best on the true surface ([`gauge()`]).
+fn true_frame(bench: &Bench, settings: &Settings, steps: &[Step]) -> Pose {
+    let frame = true_start(bench, steps);
     if settings.tracker.is_none() {
         return frame;
     }
-    let aligned = align(&belief.geometry.transformed(&frame.inverse()), bench.geometry());
-    frame * aligned.inverse()
+    gauge(bench.log(), steps, bench.geometry()).map_or(frame, |gauge| gauge.inverse())
 }
 
-fn pose_error(bench: &Bench, steps: &[Step], frame: &Pose) -> (f64, f64) {
+/// From the true object frame to the believed one by the first grasp alone.
+fn true_start(bench: &Bench, steps: &[Step]) -> Pose {
+    let first = bench.log().grasps.first().and_then(|g| g.truth).zip(steps.first());
+    first.map_or_else(Pose::identity, |(truth, step)| step.pose.inv_mul(&truth))
+}
+
+/// How far the last pose is from the true one.
+fn apart(bench: &Bench, steps: &[Step], frame: &Pose) -> (f64, f64) {
     let last = bench.log().grasps.last().and_then(|g| g.truth).zip(steps.last());
     let Some((truth, step)) = last else { return (0.0, 0.0) };
-    let estimate = step.pose * frame;
+    between(bench, &(step.pose * frame), &truth)
+}
+
+/// Between two poses of the object: metres at its centroid, and radians.
+fn between(bench: &Bench, a: &Pose, b: &Pose) -> (f64, f64) {
     let centre = Point3::from(bench.geometry().centroid());
-    ((estimate * centre - truth * centre).norm(), estimate.rotation.angle_to(&truth.rotation))
+    ((a * centre - b * centre).norm(), a.rotation.angle_to(&b.rotation))
 }
 
-fn candidates(belief: &Belief, settings: &Settings, random: &mut Random) -> Vec<Placement> {
-    match settings.candidates {
-        // About the middle of what was felt, which moves as more is felt; the ways they face stay.
-        Candidates::Fixed => fixed(belief.dimension, &belief.centre),
-        Candidates::Continuous(count) => (0..count)
-            .map(|_| drawn(belief.dimension, &belief.centre, belief.radius, random))
-            .collect(),
-    }
-}
-
-/// Which candidate, and what each promises; nothing where chance decides.
-fn choose(
-    belief: &Belief,
-    settings: &Settings,
-    candidates: &[Placement],
-    done: &[Action],
-    random: &mut Random,
-) -> Option<(usize, Vec<f64>)> {
-    if candidates.is_empty() {
-        return None;
-    }
-    let draw = |open: &[usize], random: &mut Random| {
-        open.get(((random.unit() * open.len() as f64) as usize).min(open.len().saturating_sub(1)))
-            .map(|i| (*i, Vec::new()))
+fn repeats(settings: &Settings, actions: &[Action]) -> usize {
+    let again = |(i, action): &(usize, &Action)| {
+        actions[..*i].iter().any(|before| same(settings, &before.placement, &action.placement))
     };
-    let any: Vec<usize> = (0..candidates.len()).collect();
-    let again = |i: &usize, actions: &[Action]| {
-        actions.iter().any(|a| same(settings, &a.placement, &candidates[*i]))
-    };
-    let criterion = match (settings.criterion, settings.criterion.about()) {
-        (Criterion::NoRepeat, _) => {
-            let open: Vec<usize> = any.iter().copied().filter(|i| !again(i, done)).collect();
-            return draw(if open.is_empty() { &any } else { &open }, random);
-        }
-        (_, About::Chance) => return draw(&any, random),
-        (_, About::Pose) if pose_deviation(belief) < UNCERTAIN => Criterion::VarianceSum,
-        (criterion, _) => criterion,
-    };
-    let scores = criterion.scores(belief, &predict(belief, candidates));
-    let recent = &done[done.len().saturating_sub(REMEMBERED)..];
-    let choice = best(&scores, |i| again(&i, recent)).or_else(|| best(&scores, |_| false))?;
-    Some((choice, scores))
-}
-
-/// A candidate as it would be made.
-fn closing(belief: &Belief, placement: &Placement) -> Closing {
-    let off = (placement.hand.translation.vector - belief.centre).norm();
-    Closing {
-        hand: belief.pose * placement.hand,
-        strokes: placement.strokes(belief.dimension, belief.radius + off),
-    }
-}
-
-/// The candidates that were not among the last actions, or all where there are no others.
-fn open(settings: &Settings, candidates: &[Placement], done: &[Action]) -> Vec<usize> {
-    let recent = &done[done.len().saturating_sub(REMEMBERED)..];
-    let again = |i: &usize| recent.iter().any(|a| same(settings, &a.placement, &candidates[*i]));
-    let open: Vec<usize> = (0..candidates.len()).filter(|i| !again(i)).collect();
-    if open.is_empty() { (0..candidates.len()).collect() } else { open }
-}
-
-/// Whether two grasps are the same one. Fixed ones follow the middle of the contacts, so they are told
-/// by the way they face.
-fn same(settings: &Settings, a: &Placement, b: &Placement) -> bool {
-    let centred = |p: &Placement| match settings.candidates {
-        Candidates::Fixed => {
-            Placement { hand: Pose::from_parts(Translation3::identity(), p.hand.rotation), ..*p }
-        }
-        Candidates::Continuous(_) => *p,
-    };
-    centred(a).repeats(&centred(b))
+    actions.iter().enumerate().filter(again).count()
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::experiment::with_room;
-    use crate::quantity::Deviation;
-    use crate::sim::Options;
-
-    fn bench(object: &str, motion: (f64, f64), seed: u64) -> Bench {
-        let motion_noise = Deviation { length: motion.0, angle: motion.1 };
-        Bench::new(Options { motion_noise, seed, ..Options::new(object.parse().unwrap()) }).unwrap()
-    }
-
-    const STILL: (f64, f64) = (0.0, 0.0);
-
-    fn settings(criterion: Criterion, candidates: Candidates) -> Settings {
-        Settings {
-            criterion,
-            candidates,
-            tracker: None,
-            graph: graph::Kind::None,
-            until: Until::Lenient,
-            most_actions: 12,
-            seed: 2,
-        }
-    }
-
-    #[test]
-    fn a_rectangle_is_known_after_a_few_actions_and_the_same_ones_every_time() {
-        let run = || {
-            let mut bench = bench("rectangle:0.1x0.06", STILL, 1);
-            let settings = settings(Criterion::Entropy, Candidates::Continuous(40));
-            let mut watched = 0;
-            let mut promised = Vec::new();
-            let episode = explore(&mut bench, &settings, |event| match event {
-                Event::Touched { action, log, steps, .. } => {
-                    watched += 1;
-                    assert!(action.contacts > 0 && log.grasps.len() == steps.len());
-                }
-                Event::Chosen { candidates, gains, choice } => {
-                    assert_eq!((candidates.len(), gains.len()), (40, 40));
-                    promised.push(gains[choice]);
-                }
-            })
-            .unwrap();
-            assert_eq!(watched, episode.actions.len());
-            let kept: Vec<f64> = episode.actions.iter().filter_map(|a| a.gain).collect();
-            assert_eq!(promised, kept);
-            assert_eq!(bench.log().grasps.len(), episode.steps.len());
-            episode
-        };
-        let episode = run();
-        assert!(episode.reached && episode.actions.len() <= 6, "{}", episode.actions.len());
-        assert!(episode.pose_error.0 < 1e-9 && episode.pose_error.1 < 1e-9);
-        let placements = |e: &Episode| e.actions.iter().map(|a| a.placement).collect::<Vec<_>>();
-        assert_eq!(placements(&episode), placements(&run()));
-        assert!(episode.actions.iter().skip(1).all(|a| a.gain.is_some_and(|g| g > 0.0)));
-    }
-
-    #[test]
-    fn a_moving_object_is_followed_while_it_is_explored() {
-        let mut bench = bench("hexagon:0.04", (5e-3, 10f64.to_radians()), 4);
-        let settings = Settings {
-            tracker: Some(Kind::Hypotheses),
-            ..settings(Criterion::Information, Candidates::Continuous(40))
-        };
-        let episode = with_room(|| explore(&mut bench, &settings, |_| ())).unwrap();
-        assert!(episode.reached, "{:?}", episode.actions.last());
-        assert!(
-            episode.pose_error.0 < 4e-3 && episode.pose_error.1 < 0.08,
-            "{:?}",
-            episode.pose_error
-        );
-    }
-
-    #[test]
-    fn a_box_is_explored_in_space() {
-        let mut bench = bench("box:0.1x0.06x0.06", STILL, 1);
-        let settings = Settings {
-            most_actions: 2,
-            until: Until::Coverage(0.05),
-            ..settings(Criterion::VarianceSum, Candidates::Fixed)
-        };
-        let episode = explore(&mut bench, &settings, |_| ()).unwrap();
-        assert!(episode.actions.iter().all(|a| a.contacts <= 5 && a.known <= 1.0));
-        assert!(episode.actions.iter().any(|a| a.contacts > 0));
-    }
-
-    #[test]
-    fn without_the_truth_it_ends_when_nothing_is_promised_any_more() {
-        let mut bench = bench("ellipse:0.1x0.06", STILL, 1);
-        let settings = Settings {
-            until: Until::Gain(1e6),
-            ..settings(Criterion::Entropy, Candidates::Continuous(10))
-        };
-        let episode = explore(&mut bench, &settings, |_| ()).unwrap();
-        assert!(episode.reached && episode.actions.len() == 1);
-    }
-
-    #[test]
-    fn no_repeat_takes_each_of_the_ten_once() {
-        let mut bench = bench("ellipse:0.1x0.06", STILL, 3);
-        let settings = Settings {
-            until: Until::Coverage(1.0),
-            most_actions: 10,
-            ..settings(Criterion::NoRepeat, Candidates::Fixed)
-        };
-        let episode = explore(&mut bench, &settings, |_| ()).unwrap();
-        assert_eq!(episode.actions.len(), 10);
-        for (i, a) in episode.actions.iter().enumerate() {
-            assert!(!episode.actions[..i].iter().any(|b| same(
-                &settings,
-                &a.placement,
-                &b.placement
-            )));
-        }
-    }
-
-    #[test]
-    fn an_object_too_small_to_meet_is_named() {
-        let mut bench = bench("rectangle:0.0005x0.0005", STILL, 1);
-        let settings = settings(Criterion::Entropy, Candidates::Continuous(10));
-        // The thumb and a middle finger meet even small things now and then.
-        match explore(&mut bench, &settings, |_| ()) {
-            Err(error) => assert!(!error.to_string().is_empty()),
-            Ok(episode) => assert!(!episode.actions.is_empty()),
-        }
-    }
-}
+mod tests;

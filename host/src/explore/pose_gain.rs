@@ -6,6 +6,7 @@ use nalgebra::{Matrix6, Vector6};
 
 use super::belief::Belief;
 use super::criterion::{root, row};
+use super::entropy::{divergence, renyi, shannon};
 use super::prediction::Prediction;
 use crate::graph::joint::tangent::{local, retract};
 use crate::sim::random::Random;
@@ -117,25 +118,10 @@ fn compare(
     measure: PoseMeasure,
     radius: f64,
 ) -> f64 {
-    let positive = |p: &&f64| **p > 0.0;
-    let shannon = |p: &[f64]| -> f64 { p.iter().filter(positive).map(|p| -p * p.ln()).sum() };
-    // Squares are many times faster than powers.
-    let power = |p: f64, alpha: f64| if alpha == 2.0 { p * p } else { p.powf(alpha) };
-    let renyi = |p: &[f64], alpha: f64| -> f64 {
-        p.iter().map(|p| power(*p, alpha)).sum::<f64>().ln() / (1.0 - alpha)
-    };
     match measure {
         PoseMeasure::Shannon => shannon(prior) - shannon(posterior),
-        PoseMeasure::Renyi(alpha) if (alpha - 1.0).abs() < 1e-6 => {
-            shannon(prior) - shannon(posterior)
-        }
         PoseMeasure::Renyi(alpha) => renyi(prior, alpha) - renyi(posterior, alpha),
-        PoseMeasure::Divergence => posterior
-            .iter()
-            .zip(prior)
-            .filter(|(p, q)| **p > 0.0 && **q > 0.0)
-            .map(|(p, q)| p * (p / q).ln())
-            .sum(),
+        PoseMeasure::Divergence => divergence(posterior, prior),
         PoseMeasure::Determinant => {
             log_deviation(draws, prior, radius) - log_deviation(draws, posterior, radius)
         }

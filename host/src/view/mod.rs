@@ -15,6 +15,7 @@ mod model;
 mod plane;
 mod raster;
 pub mod report;
+pub mod scatter;
 pub mod scene;
 pub mod sheet;
 pub mod summary;

@@ -57,6 +57,23 @@ const MOST: usize = 400;
 /// # Errors
 /// When the picture cannot be made, see [`PictureError`].
 pub fn render(sheet: &Sheet) -> Result<Drawing, PictureError> {
+    let panels = &sheet.panels;
+    let known =
+        panels.iter().flat_map(|p| p.deviations.iter().copied()).map(|d| d.min(cap(panels)));
+    let end = scale_end(&known.collect::<Vec<f64>>());
+    assemble(sheet, end, &format!("standard deviation, 0 to {} mm", label(end * 1e3)))
+}
+
+/// The same for a quantity with another meaning, `deviations` being shares of each panel's own greatest
+/// value, 0 to 1, and `caption` what the colours say. For meshes: outlines show a band in metres.
+///
+/// # Errors
+/// As [`render`].
+pub fn render_shares(sheet: &Sheet, caption: &str) -> Result<Drawing, PictureError> {
+    assemble(sheet, 1.0, caption)
+}
+
+fn assemble(sheet: &Sheet, end: f64, caption: &str) -> Result<Drawing, PictureError> {
     let panels = &sheet.panels[..sheet.panels.len().min(MOST)];
     let columns = sheet.columns.clamp(1, 20);
     let rows = panels.len().div_ceil(columns);
@@ -67,9 +84,6 @@ pub fn render(sheet: &Sheet) -> Result<Drawing, PictureError> {
     let title = canvas.fitted(headline, &sheet.title, width - 3.0 * GAP);
     canvas.text([1.5 * GAP, 52.0], headline, &title);
 
-    let known =
-        panels.iter().flat_map(|p| p.deviations.iter().copied()).map(|d| d.min(cap(panels)));
-    let end = scale_end(&known.collect::<Vec<f64>>());
     for (i, panel) in panels.iter().enumerate() {
         let frame = Frame {
             left: 1.5 * GAP + (i % columns) as f32 * (PANEL.0 + GAP),
@@ -79,7 +93,7 @@ pub fn render(sheet: &Sheet) -> Result<Drawing, PictureError> {
         };
         draw(&mut canvas, &frame, panel, end)?;
     }
-    legend(&mut canvas, [1.5 * GAP, height - FOOT + 18.0], end);
+    legend(&mut canvas, [1.5 * GAP, height - FOOT + 18.0], caption);
     Ok(canvas.finish())
 }
 
@@ -142,15 +156,14 @@ fn draw(canvas: &mut Canvas, frame: &Frame, panel: &Panel, end: f64) -> Result<(
     Ok(())
 }
 
-fn legend(canvas: &mut Canvas, at: [f32; 2], end: f64) {
+fn legend(canvas: &mut Canvas, at: [f32; 2], caption: &str) {
     let [left, top] = at;
     let style = Style::new(14.0, QUIET);
     canvas.line(&[[left, top + 8.0], [left + 34.0, top + 8.0]], 2.2, TRUTH);
     canvas.text([left + 46.0, top + 13.0], style, "true shape");
     let (from, width) = (left + 150.0, 200.0);
     bar(canvas, Frame { left: from, top, width, height: 14.0 }, colour::uncertainty);
-    let text = format!("standard deviation, 0 to {} mm", label(end * 1e3));
-    canvas.text([from, top + 34.0], style, &text);
+    canvas.text([from, top + 34.0], style, caption);
 }
 
 #[cfg(test)]

@@ -54,6 +54,11 @@ fn explorations_that_cannot_be_are_refused() {
         ("--object ellipse:0.1x0.06 --max-actions 0", &["--max-actions"]),
         ("--object ellipse:0.1x0.06 --criterion hunch", &["--criterion", "information"]),
         ("--object missing.ply", &["missing.ply"]),
+        ("--object ellipse:0.1x0.06 --cost turn=-1", &["--cost", "seconds", "-1"]),
+        ("--object ellipse:0.1x0.06 --cost trave=1", &["--cost", "travel=", "\"trave=1\""]),
+        ("--object ellipse:0.1x0.06 --batch 0", &["--batch", "1..=20"]),
+        ("--object ellipse:0.1x0.06 --alpha 0", &["--alpha", "above 0"]),
+        ("--object ellipse:0.1x0.06 --area near", &["--area", "--candidates clusters"]),
     ] {
         place.tactile(&format!("explore {options} --out out")).refused(words);
     }

@@ -1,0 +1,201 @@
+//! Which grasp next: the candidates, what each is worth, and which of them is made.
+
+use nalgebra::Translation3;
+
+use super::adviser::{Adviser, Closing};
+use super::approach;
+use super::areas;
+use super::belief::Belief;
+use super::coverage::{Until, believed_share};
+use super::criterion::{About, Criterion, pose_deviation};
+use super::episode::{Action, Candidates, Settings};
+use super::localization;
+use super::placement::{Placement, drawn, fixed};
+use super::planning::Offer;
+use super::prediction::{Prediction, foresee};
+use crate::link::SessionError;
+use crate::log::GraspLog;
+use crate::quantity::Deviation;
+use crate::sim::Hand;
+use crate::sim::random::Random;
+use crate::slam::track::Step;
+use crate::space::Pose;
+
+/// Grasps that are not done again at once.
+const REMEMBERED: usize = 2;
+
+/// Deviation of the pose per degree of freedom ([`pose_deviation`]) above which a criterion about the
+/// pose takes over from 4.20, metres: the thesis' "fixed variance threshold", whose number it does not
+/// give.
+const UNCERTAIN: f64 = 3e-3;
+
+/// What a pose within its tolerance is worth where all of the shape is known, nats, and the power of the
+/// known share by which it is worth less before.
+const LOCALISED: f64 = 4.0;
+const PATIENCE: i32 = 4;
+
+/// What was decided.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Choice {
+    /// The candidates to make, in this order, and what each promises; empty where there is none.
+    pub grasps: Vec<(usize, Option<f64>)>,
+    /// What every candidate promises for itself; empty where chance decides.
+    pub gains: Vec<f64>,
+}
+
+/// The grasps among which to choose, object frame. What could not be reached before cannot be reached
+/// now, as far as is known.
+pub(super) fn candidates(
+    belief: &Belief,
+    table: Option<f64>,
+    settings: &Settings,
+    done: &[Action],
+    random: &mut Random,
+) -> Vec<Placement> {
+    let mut all = offered(belief, table, settings, done, random);
+    let refused: Vec<&Action> = done.iter().filter(|a| a.refused.is_some()).collect();
+    all.retain(|c| !refused.iter().any(|a| same(settings, &a.placement, c)));
+    all
+}
+
+fn offered(
+    belief: &Belief,
+    table: Option<f64>,
+    settings: &Settings,
+    done: &[Action],
+    random: &mut Random,
+) -> Vec<Placement> {
+    if let Hand::Articulated(hand) = &belief.hand {
+        return match settings.candidates {
+            Candidates::Fixed | Candidates::Clusters(_) => approach::fixed(hand, belief, table),
+            Candidates::Continuous(count) => approach::drawn(hand, belief, table, count, random),
+        };
+    }
+    match settings.candidates {
+        // About the middle of what was felt, which moves as more is felt; the ways they face stay.
+        Candidates::Fixed => fixed(belief.dimension, &belief.centre),
+        Candidates::Continuous(count) => (0..count)
+            .map(|_| drawn(belief.dimension, &belief.centre, belief.radius, random))
+            .collect(),
+        Candidates::Clusters(next) => {
+            let missed = done.iter().filter(|a| a.contacts == 0).map(|a| a.placement);
+            let missed: Vec<Placement> = missed.collect();
+            let done: Vec<Placement> = done.iter().map(|a| a.placement).collect();
+            areas::candidates(belief, next, &done, &missed)
+        }
+    }
+}
+
+/// Which candidates, and what each promises.
+pub(super) fn choose(
+    belief: &Belief,
+    steps: &[Step],
+    settings: &Settings,
+    candidates: &[Placement],
+    done: &[Action],
+    random: &mut Random,
+) -> Choice {
+    if candidates.is_empty() {
+        return Choice::default();
+    }
+    let draw = |open: &[usize], random: &mut Random| {
+        let any = ((random.unit() * open.len() as f64) as usize).min(open.len().saturating_sub(1));
+        let grasps = open.get(any).map(|i| (*i, None)).into_iter().collect();
+        Choice { grasps, gains: Vec::new() }
+    };
+    let any: Vec<usize> = (0..candidates.len()).collect();
+    let again = |i: &usize, actions: &[Action]| {
+        actions.iter().any(|a| same(settings, &a.placement, &candidates[*i]))
+    };
+    let criterion = match (settings.criterion, settings.criterion.about()) {
+        (Criterion::NoRepeat, _) => {
+            let open: Vec<usize> = any.iter().copied().filter(|i| !again(i, done)).collect();
+            return draw(if open.is_empty() { &any } else { &open }, random);
+        }
+        (_, About::Chance) => return draw(&any, random),
+        (_, About::Pose) if tracked_deviation(belief, steps) < UNCERTAIN => Criterion::VarianceSum,
+        (criterion, _) => criterion,
+    };
+    let prediction = foresee(belief, candidates);
+    let gains = match (criterion, settings.pose, settings.tracker) {
+        (Criterion::Both, Some(tolerance), Some(_)) => {
+            both(belief, settings.until, candidates, &prediction, &tolerance)
+        }
+        _ => criterion.worth_of_order(settings.planning.alpha, belief, &prediction),
+    };
+    let recent = &done[done.len().saturating_sub(REMEMBERED)..];
+    let last = done.last().map(|a| &a.placement);
+    let offer = Offer { belief, placements: candidates, prediction: &prediction, scores: &gains };
+    let plan = |left_out: &dyn Fn(usize) -> bool| {
+        settings.planning.choose_from(criterion, &offer, last, left_out)
+    };
+    let mut chosen = plan(&|i| again(&i, recent));
+    if chosen.is_empty() {
+        chosen = plan(&|_| false);
+    }
+    Choice { grasps: chosen.into_iter().map(|(i, gain)| (i, Some(gain))).collect(), gains }
+}
+
+/// Information about the shape, and the chance that the grasp leaves the pose within its tolerance: worth
+/// the more the more of the shape the belief takes for known, since the next slip undoes it.
+fn both(
+    belief: &Belief,
+    until: Until,
+    candidates: &[Placement],
+    prediction: &Prediction,
+    tolerance: &Deviation,
+) -> Vec<f64> {
+    let worth = LOCALISED * believed_share(belief, until.deviation()).powi(PATIENCE);
+    let about_shape = Criterion::Information.worth(belief, prediction);
+    let chances = localization::expected(belief, candidates, tolerance);
+    about_shape.iter().zip(chances).map(|(shape, chance)| shape + worth * chance).collect()
+}
+
+/// The pose's deviation by the tracker's own account, which the thesis' switch asks.
+fn tracked_deviation(belief: &Belief, steps: &[Step]) -> f64 {
+    steps.last().map_or(0.0, |last| pose_deviation(belief, &last.covariance))
+}
+
+/// What somebody else would make of the candidates that were not among the last actions.
+pub(super) fn advised(
+    adviser: &mut dyn Adviser,
+    belief: &Belief,
+    log: &GraspLog,
+    settings: &Settings,
+    candidates: &[Placement],
+    done: &[Action],
+) -> Result<Vec<(usize, Option<f64>)>, SessionError> {
+    let open = open(settings, candidates, done);
+    let closings: Vec<Closing> = open.iter().map(|i| closing(belief, &candidates[*i])).collect();
+    let (choice, gain) = adviser.choose(log, &closings)?;
+    Ok(open.get(choice).map(|i| (*i, Some(gain))).into_iter().collect())
+}
+
+/// A candidate as it would be made.
+fn closing(belief: &Belief, placement: &Placement) -> Closing {
+    let off = (placement.hand.translation.vector - belief.centre).norm();
+    Closing {
+        hand: belief.pose * placement.hand,
+        strokes: placement.strokes(belief.dimension, belief.radius + off),
+    }
+}
+
+/// The candidates that were not among the last actions, or all where there are no others.
+fn open(settings: &Settings, candidates: &[Placement], done: &[Action]) -> Vec<usize> {
+    let recent = &done[done.len().saturating_sub(REMEMBERED)..];
+    let again = |i: &usize| recent.iter().any(|a| same(settings, &a.placement, &candidates[*i]));
+    let open: Vec<usize> = (0..candidates.len()).filter(|i| !again(i)).collect();
+    if open.is_empty() { (0..candidates.len()).collect() } else { open }
+}
+
+/// Whether two grasps are the same one. Fixed ones follow the middle of the contacts, so they are told
+/// by the way they face.
+pub(super) fn same(settings: &Settings, a: &Placement, b: &Placement) -> bool {
+    let centred = |p: &Placement| match settings.candidates {
+        Candidates::Fixed => {
+            Placement { hand: Pose::from_parts(Translation3::identity(), p.hand.rotation), ..*p }
+        }
+        Candidates::Continuous(_) | Candidates::Clusters(_) => *p,
+    };
+    centred(a).repeats(&centred(b))
+}
