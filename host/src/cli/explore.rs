@@ -269,7 +269,7 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
             name(args.criterion),
             args.until
         ));
-        if episode.stuck {
+        if episode.end == explore::End::NoCandidate {
             tell("no feasible grasp was left: this is what could be felt");
         }
         tell_report(&outcome.report);

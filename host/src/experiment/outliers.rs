@@ -22,11 +22,10 @@ use serde::Serialize;
 use super::pose_graphs::{Error, files, name};
 use crate::experiment::Spread;
 use crate::graph::pose::g2o::{self, Graph};
+use crate::graph::pose::global::optimize_globally;
 use crate::graph::pose::gnc::{Gnc, gnc};
 use crate::graph::pose::odometry::odometry_edges;
-use crate::graph::pose::{
-    self, Edge, Group, Options, PoseGraph, Rigid, Start, marginals, optimize,
-};
+use crate::graph::pose::{self, Edge, Group, Options, PoseGraph, Rigid, Start, marginals};
 
 /// Which false closures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -208,8 +207,7 @@ fn row<G: Rigid<D, N>, const D: usize, const N: usize>(
         Start::Odometry.place(&mut given)?;
     }
     let mut clean = given.clone();
-    Start::best(&mut clean);
-    optimize(&mut clean, &Options::default())?;
+    optimize_globally(&mut clean, &Options::default(), &mut |_| ())?;
     let odometry = odometry_edges(&clean);
     let right = odometry.iter().filter(|odometry| !**odometry).count();
     let share_of_all = f64::from(share) / 100.0;
@@ -226,8 +224,7 @@ fn row<G: Rigid<D, N>, const D: usize, const N: usize>(
     for seed in seeds {
         let clock = Instant::now();
         let mut again = given.clone();
-        Start::best(&mut again);
-        optimize(&mut again, &Options::default())?;
+        optimize_globally(&mut again, &Options::default(), &mut |_| ())?;
         let plain = clock.elapsed().as_secs_f64();
         let mut spoiled = given.clone();
         spoiled.edges.extend(false_closures(&clean, &odometry, kind, wrong, seed));

@@ -388,7 +388,7 @@ impl exploration::Table {
         let cases: Vec<String> = self
             .rows
             .iter()
-            .map(|r| format!("{}, {}, {}", r.criterion, r.candidates, r.until))
+            .map(|r| format!("{}: {}, {}, {}", r.object, r.criterion, r.candidates, r.until))
             .collect();
         let actions = |r: &exploration::Row| {
             Some(Interval {
@@ -422,7 +422,7 @@ impl exploration::Table {
                 references: Vec::new(),
             },
         ];
-        bars::render(&format!("{}: {}", self.object, self.title), &panels)
+        bars::render(self.title, &panels)
     }
 }
 

@@ -134,9 +134,9 @@ fn row(
     let runs: Vec<Option<Episode>> =
         seeds.into_par_iter().map(|seed| episode(object, slips, until, strategy, seed)).collect();
     let episodes = || runs.iter().flatten();
-    let reached = |e: &Episode| e.reached;
+    let reached = |e: &Episode| e.reached();
     let actions = runs.iter().map(|e| match e {
-        Some(e) if e.reached => e.actions.len() as f64,
+        Some(e) if e.reached() => e.actions.len() as f64,
         _ => MOST_ACTIONS as f64,
     });
     let decided = |e: &Episode| e.actions.iter().filter(|a| a.choosing > 0.0).count() as f64;
@@ -202,6 +202,7 @@ fn episode(
         tracker: slips.then_some(Kind::Hypotheses),
         graph: graph::Kind::None,
         until,
+        pose: None,
         most_actions: MOST_ACTIONS,
         seed,
     };

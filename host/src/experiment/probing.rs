@@ -5,14 +5,14 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use super::{Picture, Spread};
+use super::Spread;
 use crate::quantity::Deviation;
 use crate::shape::{Geometry, Mesh, ShapeError};
 use crate::sim::hand::{Articulated, HandError, Unreachable};
 use crate::sim::{Bench, Hand, ObjectSpec, Options, SimError};
 use crate::space::{Point, Pose};
+use crate::view::drawing::{Drawing, PictureError};
 use crate::view::sheet::{self, Panel, Sheet};
-use crate::view::summary::PictureError;
 
 /// As the command line names it.
 pub const NAME: &str = "figure-4.2";
@@ -53,7 +53,7 @@ pub struct Figure {
     pub rows: Vec<Row>,
     /// Seed 0 of each.
     #[serde(skip)]
-    pub picture: Picture,
+    pub picture: Drawing,
 }
 
 /// Why there is no figure.
@@ -141,8 +141,8 @@ pub fn run(seeds: u64) -> Result<Figure, Error> {
         });
     }
     let title = "Figure 4.2: the flat hand delimits the area of the object (edges: true shape)";
-    let png = sheet::render(&Sheet { title: title.into(), columns: 3, panels })?;
-    Ok(Figure { seeds, rows, picture: Picture { name: format!("{NAME}.png"), png } })
+    let picture = sheet::render(&Sheet { title: title.into(), columns: 3, panels })?;
+    Ok(Figure { seeds, rows, picture })
 }
 
 /// The box between two corners, outward.
@@ -200,7 +200,7 @@ mod tests {
             let volume = row.volume.unwrap().median;
             assert!((85.0..115.0).contains(&volume), "{}: {volume}", row.object);
         }
-        assert_eq!(&figure.picture.png[1..4], b"PNG");
+        assert!(figure.picture.size().0 > 100);
         let text = figure.to_string();
         assert!(OBJECTS.iter().all(|o| text.contains(o)));
     }

@@ -17,7 +17,9 @@ use serde::Serialize;
 use super::proportion::Proportion;
 use super::{Spread, with_room};
 use crate::explore::placement::drawn;
-use crate::explore::{Belief, Candidates, Criterion, Episode, Settings, Until, explore_until};
+use crate::explore::{
+    Belief, Candidates, Criterion, Episode, Planning, Settings, Until, explore_until,
+};
 use crate::graph;
 use crate::quantity::Deviation;
 use crate::shape::Geometry;
@@ -266,11 +268,11 @@ fn row(object: &Object, reachable: &Reachable, criterion: Criterion, selection: 
             Some(Run { episode, seconds: start.elapsed().as_secs_f64() })
         })
         .collect();
-    let reached = |r: &Option<Run>| r.as_ref().is_some_and(|r| r.episode.reached);
+    let reached = |r: &Option<Run>| r.as_ref().is_some_and(|r| r.episode.reached());
     let grasps: Vec<f64> = runs
         .iter()
         .map(|run| match run {
-            Some(Run { episode, .. }) if episode.reached => episode.actions.len() as f64,
+            Some(Run { episode, .. }) if episode.reached() => episode.actions.len() as f64,
             _ => MOST_GRASPS as f64,
         })
         .collect();
@@ -312,10 +314,12 @@ fn settings(criterion: Criterion, tracker: Option<Kind>, seed: u64) -> Settings 
     Settings {
         criterion,
         candidates: Candidates::Continuous(CANDIDATES),
+        planning: Planning::default(),
         tracker,
         graph: graph::Kind::None,
         // What is known is measured otherwise.
         until: Until::Lenient,
+        pose: None,
         most_actions: MOST_GRASPS,
         seed,
     }

@@ -57,7 +57,7 @@ pub trait Adviser {
 /// use tactile_core::explore::Criterion;
 /// use tactile_core::space::Planar;
 /// use tactile_core::wire::TrackerKind;
-/// use tactile_host::explore::{self, Board, Candidates, Settings, Until};
+/// use tactile_host::explore::{self, Board, Candidates, Planning, Settings, Until};
 /// use tactile_host::link::{Patience, Session, virtual_board};
 /// use tactile_host::sim::{Bench, Options};
 ///
@@ -70,9 +70,11 @@ pub trait Adviser {
 /// let settings = Settings {
 ///     criterion: explore::Criterion::Information,
 ///     candidates: Candidates::Fixed,
+///     planning: Planning::default(),
 ///     tracker: None,
 ///     graph: tactile_host::graph::Kind::None,
 ///     until: Until::Lenient,
+///     pose: None,
 ///     most_actions: 3,
 ///     seed: 1,
 /// };
@@ -129,7 +131,7 @@ mod tests {
     use tactile_core::wire::{Refusal, TrackerKind};
 
     use super::*;
-    use crate::explore::{Candidates, Settings, Until, explore_advised};
+    use crate::explore::{Candidates, Planning, Settings, Until, explore_advised};
     use crate::graph;
     use crate::link::{Faults, Faulty, Patience, virtual_board};
     use crate::quantity::Deviation;
@@ -150,9 +152,11 @@ mod tests {
     const SETTINGS: Settings = Settings {
         criterion: crate::explore::Criterion::Information,
         candidates: Candidates::Fixed,
+        planning: Planning::SINGLE,
         tracker: None,
         graph: graph::Kind::None,
         until: Until::Strict,
+        pose: None,
         most_actions: 5,
         seed: 5,
     };
@@ -167,7 +171,7 @@ mod tests {
             let settings = Settings { candidates, ..SETTINGS };
             let mut board = board::<Planar>(tracker);
             let episode = explore_advised(&mut bench, &settings, Some(&mut board), |_| ()).unwrap();
-            assert!(episode.reached, "{tracker:?}: {:?}", episode.actions.last());
+            assert!(episode.reached(), "{tracker:?}: {:?}", episode.actions.last());
             // Every grasp but the last was told, as there was nothing to choose after it.
             assert_eq!(board.told + 1, bench.log().grasps.len());
             let gains: Vec<f64> = episode.actions.iter().filter_map(|a| a.gain).collect();

@@ -358,8 +358,8 @@ mod tests {
                 assert!(scores.iter().all(|s| *s >= 0.0), "{criterion:?} {scores:?}");
             }
             let shannon = Criterion::Shannon.scores(&belief, &grasps);
-            let near = Criterion::Renyi.scores_of_order(1.0 + 1e-4, &belief, &grasps);
-            let far = Criterion::Renyi.scores_of_order(5.0, &belief, &grasps);
+            let near = Criterion::Renyi.worth_of_order(1.0 + 1e-4, &belief, &prediction);
+            let far = Criterion::Renyi.worth_of_order(5.0, &belief, &prediction);
             for i in 0..grasps.len() {
                 assert!((near[i] - shannon[i]).abs() < 1e-3 * (1.0 + shannon[i]));
                 // Against equally likely poses the fall grows with the order.
@@ -375,7 +375,7 @@ mod tests {
         for dimension in [2, 3] {
             belief.dimension = dimension;
             belief.covariance = factor * factor.transpose() + Matrix6::identity() * 1e-6;
-            let before = pose_deviation(&belief);
+            let before = pose_deviation(&belief, &belief.covariance);
             assert!(before > 0.0);
             let turn = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::z_axis(), 0.7);
             let mut turns = Matrix6::zeros();
@@ -383,12 +383,12 @@ mod tests {
                 turns.fixed_view_mut::<3, 3>(at, at).copy_from(turn.matrix());
             }
             belief.covariance = turns * belief.covariance * turns.transpose();
-            assert!((pose_deviation(&belief) / before - 1.0).abs() < 1e-9, "{dimension}");
+            assert!((pose_deviation(&belief, &belief.covariance) / before - 1.0).abs() < 1e-9, "{dimension}");
             // Millimetres for metres: a thousand times the number.
             let unit = Matrix6::from_diagonal(&Vector6::new(1e3, 1e3, 1e3, 1.0, 1.0, 1.0));
             belief.covariance = unit * belief.covariance * unit;
             belief.radius *= 1e3;
-            assert!((pose_deviation(&belief) / before - 1e3).abs() < 1e-6, "{dimension}");
+            assert!((pose_deviation(&belief, &belief.covariance) / before - 1e3).abs() < 1e-6, "{dimension}");
             belief.radius /= 1e3;
         }
     }

@@ -29,7 +29,7 @@ pub struct Planning {
 
 impl Default for Planning {
     fn default() -> Self {
-        Planning { batch: 1, lookahead: false, cost: None, alpha: ALPHA }
+        Planning::SINGLE
     }
 }
 
@@ -47,6 +47,9 @@ pub struct Offer<'a> {
 }
 
 impl Planning {
+    /// The best grasp for itself, one at a time.
+    pub const SINGLE: Planning = Planning { batch: 1, lookahead: false, cost: None, alpha: ALPHA };
+
     /// Which placements to make, in this order, and the gain of each; `last` is where the hand is, and
     /// those `left_out` are not made. Empty where nothing is left.
     pub fn choose(

@@ -3,7 +3,7 @@
 use super::canvas::{Anchor, Canvas, Frame, Pixel, Style};
 use super::chart::{label, ticks};
 use super::colour::{GRID, INK, PANEL, PAPER, QUIET, ROTATION, TRANSLATION, TRUTH};
-use super::summary::PictureError;
+use super::drawing::{Drawing, PictureError};
 
 /// One distribution.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,12 +41,12 @@ const HEAD: f32 = 60.0;
 /// Panels in one picture at most.
 const MOST: usize = 8;
 
-/// Draws the clouds and returns the picture as PNG. Points that are not finite are left out; so are
+/// Draws the clouds. Points that are not finite are left out; so are
 /// clouds beyond the eighth.
 ///
 /// # Errors
 /// When the picture cannot be made, see [`PictureError`].
-pub fn render(scatter: &Scatter) -> Result<Vec<u8>, PictureError> {
+pub fn render(scatter: &Scatter) -> Result<Drawing, PictureError> {
     let clouds = &scatter.clouds[..scatter.clouds.len().min(MOST)];
     let width = clouds.len().max(1) as f32 * SIZE.0;
     let mut canvas = Canvas::new(width as u32, (HEAD + SIZE.1) as u32, PAPER)?;
@@ -65,7 +65,7 @@ pub fn render(scatter: &Scatter) -> Result<Vec<u8>, PictureError> {
         let frame = Frame { left: i as f32 * SIZE.0, top: HEAD, width: SIZE.0, height: SIZE.1 };
         draw(&mut canvas, &frame.inset(10.0, 4.0, 10.0, 10.0), scatter, cloud, ends);
     }
-    canvas.encode()
+    Ok(canvas.finish())
 }
 
 fn draw(canvas: &mut Canvas, frame: &Frame, all: &Scatter, cloud: &Cloud, ends: [(f64, f64); 2]) {
@@ -132,7 +132,7 @@ mod tests {
             clouds,
             mark: [0.0, 0.0],
         };
-        let width = |png: &[u8]| u32::from_be_bytes([png[16], png[17], png[18], png[19]]);
+        let width = |drawing: &Drawing| drawing.size().0;
         let some = vec![([0.0, 1.0], 0.5), ([f64::NAN, 1.0], 0.5), ([2.0, 3.0], 0.0)];
         let one = render(&scatter(vec![cloud(some.clone())])).unwrap();
         let three =

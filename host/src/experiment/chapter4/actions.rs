@@ -20,6 +20,7 @@ use crate::shape::Geometry;
 use crate::sim::random::Random;
 use crate::sim::{Options, SimError, Touch};
 use crate::space::{Point, Pose};
+use crate::view::drawing::Drawing;
 use crate::view::scatter::{self, Cloud, Scatter};
 use crate::view::sheet::{self, Panel, Sheet};
 
@@ -270,7 +271,7 @@ pub(super) fn judge(seeds: u64) -> Result<Vec<Action>, FigureError> {
 }
 
 /// Figure 4.6 of seed 0.
-pub(super) fn grasps(title: &str) -> Result<Vec<u8>, FigureError> {
+pub(super) fn grasps(title: &str) -> Result<Drawing, FigureError> {
     let subject = Subject::new(0)?;
     let placements = subject.placements();
     let expected = predict(&subject.belief, &placements);
@@ -300,7 +301,7 @@ pub(super) fn grasps(title: &str) -> Result<Vec<u8>, FigureError> {
 }
 
 /// Figure 4.7 of seed 0.
-pub(super) fn poses(title: &str) -> Result<Vec<u8>, FigureError> {
+pub(super) fn poses(title: &str) -> Result<Drawing, FigureError> {
     let subject = Subject::new(0)?;
     let uniform = vec![1.0 / PARTICLES as f64; PARTICLES];
     let expected = predict(&subject.belief, &subject.placements());

@@ -12,6 +12,7 @@ use crate::explore::clustering::{Area, Linkage, Settings, Weights};
 use crate::explore::prediction::predict;
 use crate::sim::{Options, SimError};
 use crate::space::Point;
+use crate::view::drawing::Drawing;
 use crate::view::sheet::{self, Panel, Sheet};
 
 const OBJECTS: [&str; 3] =
@@ -104,7 +105,7 @@ fn extent(points: &[(Point, Point)], areas: &[Area]) -> (f64, f64) {
 }
 
 /// Seed 0 of each object, divided by complete and by single linkage.
-pub(super) fn picture(title: &str) -> Result<Vec<u8>, FigureError> {
+pub(super) fn picture(title: &str) -> Result<Drawing, FigureError> {
     let mut panels = Vec::new();
     for object in OBJECTS {
         let (belief, truth) = touched(&options(object, 0)?)?;

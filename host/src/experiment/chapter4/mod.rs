@@ -7,12 +7,11 @@ mod uncertainty;
 
 use serde::Serialize;
 
-use super::Picture;
 use crate::explore::Belief;
 use crate::shape::Geometry;
 use crate::sim::{Options, SimError, simulate};
 use crate::slam::{reconstruct, track};
-use crate::view::summary::PictureError;
+use crate::view::drawing::{Drawing, PictureError};
 
 pub use actions::Action;
 pub use areas::Division;
@@ -97,7 +96,7 @@ pub struct Drawn {
     pub lines: Numbers,
     /// The picture.
     #[serde(skip)]
-    pub picture: Picture,
+    pub picture: Drawing,
 }
 
 /// Why a figure could not be made.
@@ -120,7 +119,7 @@ impl Figure {
     /// # Errors
     /// When an object cannot be simulated, seed 0 makes no surface, or the picture cannot be drawn.
     pub fn draw(&self, seeds: u64) -> Result<Drawn, FigureError> {
-        let (lines, png) = match self.view {
+        let (lines, picture) = match self.view {
             View::Uncertainty => {
                 (Numbers::Measures(uncertainty::measure(seeds)?), uncertainty::picture(self.title)?)
             }
@@ -130,7 +129,6 @@ impl Figure {
             }
             View::Poses => (Numbers::Actions(actions::judge(seeds)?), actions::poses(self.title)?),
         };
-        let picture = Picture { name: format!("{}.png", self.name), png };
         Ok(Drawn { title: self.title, thesis: self.thesis, lines, picture })
     }
 }

@@ -14,6 +14,7 @@ use crate::explore::geodesic::Paths;
 use crate::shape::Geometry;
 use crate::sim::{Options, Touch};
 use crate::space::Point;
+use crate::view::drawing::Drawing;
 use crate::view::sheet::{self, Panel, Sheet};
 
 const CUBE: &str = "box:0.06x0.06x0.06";
@@ -133,7 +134,7 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Seed 0 in the colours of each measure.
-pub(super) fn picture(title: &str) -> Result<Vec<u8>, FigureError> {
+pub(super) fn picture(title: &str) -> Result<Drawing, FigureError> {
     let (belief, truth) = touched(&options(0)?)?;
     let vertices = match &belief.geometry {
         Geometry::Mesh(mesh) => mesh.vertices(),

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{NEAR, Reachable, bench, settings};
-use crate::experiment::{Picture, Spread, with_room};
+use crate::experiment::{Spread, with_room};
 use crate::explore::episode::Error as ExploreError;
 use crate::explore::{Belief, Criterion, Settings, explore_until};
 use crate::shape::{Field, Geometry};
@@ -17,8 +17,8 @@ use crate::sim::{ObjectSpec, SimError};
 use crate::slam::choose::Choice;
 use crate::slam::reconstruct::shape;
 use crate::space::{Point, Pose};
+use crate::view::drawing::{Drawing, PictureError};
 use crate::view::sheet::{self, Panel, Sheet};
-use crate::view::summary::PictureError;
 
 /// The thesis does not say how large its cube is.
 const CUBE: &str = "box:0.07x0.07x0.07";
@@ -91,7 +91,7 @@ pub struct Drawn {
     pub lines: Vec<Line>,
     /// The picture.
     #[serde(skip)]
-    pub picture: Picture,
+    pub picture: Drawing,
 }
 
 /// Why a figure could not be made.
@@ -143,8 +143,7 @@ impl Figure {
             shots.last().map(|shot| pair(shot, &truth)).into_iter().flatten().collect()
         };
         let columns = if self.progress { 3 } else { 2 };
-        let png = sheet::render(&Sheet { title: self.title.into(), columns, panels })?;
-        let picture = Picture { name: format!("{}.png", self.name), png };
+        let picture = sheet::render(&Sheet { title: self.title.into(), columns, panels })?;
         Ok(Drawn { title: self.title, thesis: self.thesis, lines, picture })
     }
 
