@@ -358,6 +358,7 @@ mod tests {
                 assert!(scores.iter().all(|s| *s >= 0.0), "{criterion:?} {scores:?}");
             }
             let shannon = Criterion::Shannon.scores(&belief, &grasps);
+            let prediction = Prediction::of(&belief.surface, grasps.clone());
             let near = Criterion::Renyi.worth_of_order(1.0 + 1e-4, &belief, &prediction);
             let far = Criterion::Renyi.worth_of_order(5.0, &belief, &prediction);
             for i in 0..grasps.len() {
