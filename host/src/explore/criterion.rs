@@ -384,12 +384,18 @@ mod tests {
                 turns.fixed_view_mut::<3, 3>(at, at).copy_from(turn.matrix());
             }
             belief.covariance = turns * belief.covariance * turns.transpose();
-            assert!((pose_deviation(&belief, &belief.covariance) / before - 1.0).abs() < 1e-9, "{dimension}");
+            assert!(
+                (pose_deviation(&belief, &belief.covariance) / before - 1.0).abs() < 1e-9,
+                "{dimension}"
+            );
             // Millimetres for metres: a thousand times the number.
             let unit = Matrix6::from_diagonal(&Vector6::new(1e3, 1e3, 1e3, 1.0, 1.0, 1.0));
             belief.covariance = unit * belief.covariance * unit;
             belief.radius *= 1e3;
-            assert!((pose_deviation(&belief, &belief.covariance) / before - 1e3).abs() < 1e-6, "{dimension}");
+            assert!(
+                (pose_deviation(&belief, &belief.covariance) / before - 1e3).abs() < 1e-6,
+                "{dimension}"
+            );
             belief.radius /= 1e3;
         }
     }

@@ -48,14 +48,24 @@ fn a_rectangle_is_known_after_a_few_actions_and_the_same_ones_every_time() {
 
 #[test]
 fn a_moving_object_is_followed_while_it_is_explored() {
-    let mut bench = bench("hexagon:0.04", (5e-3, 10f64.to_radians()), 4);
     let settings = Settings {
         tracker: Some(Kind::Hypotheses),
         ..settings(Criterion::Information, Candidates::Continuous(40))
     };
-    let episode = with_room(|| explore(&mut bench, &settings, |_| ())).unwrap();
-    assert!(episode.reached(), "{:?}", episode.actions.last());
-    assert!(episode.pose_error.0 < 4e-3 && episode.pose_error.1 < 0.08, "{:?}", episode.pose_error);
+    // Nobody asked for the last pose here, and a last grasp that feels two parallel faces leaves one
+    // direction open: the middle one of five runs tells whether the object was followed.
+    let mut errors: Vec<(f64, f64)> = (1..=5)
+        .map(|seed| {
+            let mut bench = bench("hexagon:0.04", (5e-3, 10f64.to_radians()), seed);
+            let episode = with_room(|| explore(&mut bench, &settings, |_| ())).unwrap();
+            assert!(episode.reached() && episode.lost == 0, "{:?}", episode.actions.last());
+            episode.pose_error
+        })
+        .collect();
+    errors.sort_by(|a, b| a.0.total_cmp(&b.0));
+    assert!(errors[2].0 < 4e-3, "{errors:?}");
+    errors.sort_by(|a, b| a.1.total_cmp(&b.1));
+    assert!(errors[2].1 < 0.08, "{errors:?}");
 }
 
 #[test]
