@@ -50,6 +50,7 @@ fn a_rectangle_is_known_after_a_few_actions_and_the_same_ones_every_time() {
 fn a_moving_object_is_followed_while_it_is_explored() {
     let settings = Settings {
         tracker: Some(Kind::Hypotheses),
+        most_actions: 30,
         ..settings(Criterion::Information, Candidates::Continuous(40))
     };
     // Nobody asked for the last pose here, and a last grasp that feels two parallel faces leaves one
