@@ -118,8 +118,8 @@ impl Canvas {
 
     /// The area inside closed polygons, holes left out.
     pub fn fill_area(&mut self, loops: &[Vec<Pixel>], colour: Colour) {
-        let placed = |l: &Vec<Pixel>| l.iter().copied().filter_map(placed).collect();
-        let loops: Vec<Vec<Pixel>> = loops.iter().map(placed).filter(enough).collect();
+        let placed = |l: &Vec<Pixel>| l.iter().copied().filter_map(placed).collect::<Vec<Pixel>>();
+        let loops: Vec<Vec<Pixel>> = loops.iter().map(placed).filter(|v| enough(v)).collect();
         if !loops.is_empty() {
             self.add(Operation::Fill(Shape::Loops(loops), colour));
         }
@@ -199,6 +199,6 @@ impl Canvas {
 }
 
 /// Whether these are the vertices of an area or of a line around one.
-fn enough(vertices: &Vec<Pixel>) -> bool {
+fn enough(vertices: &[Pixel]) -> bool {
     vertices.len() > 1
 }
