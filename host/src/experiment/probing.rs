@@ -140,7 +140,7 @@ pub fn run(seeds: u64) -> Result<Figure, Error> {
             volume: Spread::of(volumes),
         });
     }
-    let title = "Figure 4.2: the flat hand delimits the area of the object (edges: true shape)";
+    let title = "Figure 4.2: the flat hand delimits the area of the object (lines: true shape)";
     let picture = sheet::render(&Sheet { title: title.into(), columns: 3, panels })?;
     Ok(Figure { seeds, rows, picture })
 }
@@ -166,14 +166,14 @@ impl fmt::Display for Figure {
         )?;
         writeln!(
             f,
-            "  {:<30}{:>6}{:>9}{:>24}{:>10}{:>22}",
+            "  {:<30}{:>6}{:>9}{:>24}{:>10}{:>26}",
             "object", "moves", "touches", "face off, mm", "worst", "volume, %"
         )?;
         let spread = |s: &Option<Spread>| s.as_ref().map_or("-".into(), ToString::to_string);
         for row in &self.rows {
             writeln!(
                 f,
-                "  {:<30}{:>6}{:>9.1}{:>24}{:>10.1}{:>22}",
+                "  {:<30}{:>6}{:>9.1}{:>24}{:>10.1}{:>26}",
                 row.object,
                 row.moves,
                 row.touches,

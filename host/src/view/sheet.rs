@@ -93,7 +93,8 @@ fn assemble(sheet: &Sheet, end: f64, caption: &str) -> Result<Drawing, PictureEr
         };
         draw(&mut canvas, &frame, panel, end)?;
     }
-    legend(&mut canvas, [1.5 * GAP, height - FOOT + 18.0], caption);
+    let coloured = panels.iter().any(|p| !p.deviations.is_empty());
+    legend(&mut canvas, [1.5 * GAP, height - FOOT + 18.0], coloured.then_some(caption));
     Ok(canvas.finish())
 }
 
@@ -156,11 +157,13 @@ fn draw(canvas: &mut Canvas, frame: &Frame, panel: &Panel, end: f64) -> Result<(
     Ok(())
 }
 
-fn legend(canvas: &mut Canvas, at: [f32; 2], caption: &str) {
+/// What the line means and, where panels are coloured, what the colours say.
+fn legend(canvas: &mut Canvas, at: [f32; 2], caption: Option<&str>) {
     let [left, top] = at;
     let style = Style::new(14.0, QUIET);
     canvas.line(&[[left, top + 8.0], [left + 34.0, top + 8.0]], 2.2, TRUTH);
     canvas.text([left + 46.0, top + 13.0], style, "true shape");
+    let Some(caption) = caption else { return };
     let (from, width) = (left + 150.0, 200.0);
     bar(canvas, Frame { left: from, top, width, height: 14.0 }, colour::uncertainty);
     canvas.text([from, top + 34.0], style, caption);

@@ -159,7 +159,9 @@ fn guarded(
     match geometry {
         Geometry::Mesh(mesh) => {
             let body = cuboid(half)?;
-            sweep(mesh, object, &body, middle, (axis, sign * HALF_THICKNESS), start, sign, most)
+            let mut from = *middle;
+            from[axis] = start;
+            sweep(mesh, object, &body, &from, &(sign * Point::ith(axis, 1.0)), most)
         }
         // In the plane: the lowest corner along the way is where a straight edge touches.
         Geometry::Outline(outline) => {
@@ -173,23 +175,20 @@ fn guarded(
     }
 }
 
-#[allow(clippy::too_many_arguments)]
+/// Where a plate whose front is at `from` first touches within `most` metres along a unit direction.
 fn sweep(
     mesh: &Mesh,
     object: &Pose,
     body: &SharedShape,
-    middle: &Point,
-    (axis, front): (usize, f64),
-    start: f64,
-    sign: f64,
+    from: &Point,
+    direction: &Point,
     most: f64,
 ) -> Option<Point> {
     let mut along = 0.0;
     let back = object.inverse();
     while along <= most {
-        let mut at = *middle;
         // The front of the plate, not its middle, is where it is.
-        at[axis] = start + sign * along - front;
+        let at = from + (along - HALF_THICKNESS) * direction;
         let plate = back * nalgebra::Translation3::from(at);
         let (point, other) = mesh.nearest(&**body, &plate, most - along + TOUCHING)?;
         let distance = (other - point).norm();
