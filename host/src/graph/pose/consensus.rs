@@ -12,7 +12,7 @@ use std::collections::HashMap;
 use nalgebra::{SMatrix, SVector};
 
 use super::chordal::chordal_in;
-use super::evidence::{Chance, Errors, Verdict};
+use super::evidence::{Chance, Verdict, scale};
 use super::gnc::{Annealing, Gnc};
 use super::odometry::Sets;
 use super::optimizer::{Optimizer, Options};
@@ -89,7 +89,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
     where
         G: Rigid<D, N>,
     {
-        let claimed = self.chance.errors.variance;
+        let claimed = self.chance.variance;
         let mut expected = 0.0;
         for round in 0..ROUNDS {
             let mut part = Part::new(&self.graph, &self.accepted);
@@ -137,7 +137,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
             let weighted = part.graph.edges.iter().zip(&part.weights);
             let chi2: f64 =
                 weighted.map(|(edge, weight)| weight * edge.chi2(&part.graph.poses)).sum();
-            expected = chi2 + (entrants.len() * D) as f64 * self.chance.errors.variance;
+            expected = chi2 + (entrants.len() * D) as f64 * self.chance.variance;
             self.graph.poses = part.graph.poses;
             if last {
                 break;
@@ -188,9 +188,9 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
             })
             .collect();
         let redundant = members.iter().filter(|member| member.verdict.doubt.is_finite());
-        let scale = self.chance.errors.variance;
-        let squared: Vec<f64> = redundant.map(|member| member.verdict.chi2 * scale).collect();
-        self.chance.errors = Errors::of::<D>(&squared, claimed);
+        let variance = self.chance.variance;
+        let squared: Vec<f64> = redundant.map(|member| member.verdict.chi2 * variance).collect();
+        self.chance.variance = scale::<D>(&squared, claimed);
         for member in &mut members {
             let information = &part.graph.edges[member.at].information;
             member.verdict =
@@ -261,7 +261,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
     where
         G: Rigid<D, N>,
     {
-        let barrier = self.options.barrier(D) * self.chance.errors.variance;
+        let barrier = self.options.barrier(D) * self.chance.variance;
         let squared = |part: &Part<G, D>, at: usize| part.graph.edges[at].chi2(&part.graph.poses);
         let worst = open.iter().map(|&at| squared(part, at)).fold(0.0, f64::max);
         let mut annealing = Annealing::new(self.options, barrier, worst);
