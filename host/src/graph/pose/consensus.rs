@@ -51,6 +51,10 @@ pub(super) struct Search<'a, G, const D: usize> {
     trusted: &'a [bool],
     options: &'a Gnc,
     left_out: Vec<u8>,
+    /// Which edges had support from the start, and the log odds that another one is right before
+    /// anything is known of it.
+    supported: Vec<bool>,
+    prior: f64,
 }
 
 /// An edge of the optimum and how it agrees with the others.
@@ -76,6 +80,8 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
             accepted: accepted.collect(),
             odds: trusted.iter().map(|&t| if t { f64::INFINITY } else { 0.0 }).collect(),
             left_out: vec![0; trusted.len()],
+            supported: first.to_vec(),
+            prior: 0.0,
             graph: graph.clone(),
             rounds: 0,
             chance,
@@ -106,7 +112,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
                 let mut spread = Spread::new(&mut optimizer, &part.graph, &part.weights)?;
                 let members = self.members::<N>(&part, &mut spread, claimed);
                 let mut failing: Vec<&Member<D>> =
-                    members.iter().filter(|member| !self.stays(&member.verdict)).collect();
+                    members.iter().filter(|member| !self.stays(part.edges[member.at], &member.verdict)).collect();
                 if failing.is_empty() || round + 1 == ROUNDS {
                     break self.entrants::<N>(&part, &mut spread);
                 }
@@ -153,16 +159,33 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
     }
 
     /// Whether an accepted edge may remain one: unless it is certain to be wrong.
-    fn stays(&self, verdict: &Verdict) -> bool {
+    fn stays(&self, edge: usize, verdict: &Verdict) -> bool {
+        let prior = if self.supported[edge] { 0.0 } else { self.prior };
         match self.options.barrier {
             Some(barrier) => verdict.chi2 < barrier,
-            None => verdict.odds > -CERTAIN,
+            None => verdict.odds + prior > -CERTAIN,
         }
     }
 
     /// Whether others may enter.
     fn enters(&self, verdict: &Verdict) -> bool {
-        self.options.barrier.is_none_or(|barrier| verdict.chi2 < barrier) && verdict.odds > 0.0
+        self.options.barrier.is_none_or(|barrier| verdict.chi2 < barrier)
+            && verdict.odds + self.prior > 0.0
+    }
+
+    /// Log odds that an edge without support from the start is right, before its own evidence: of the share
+    /// under which the evidence of all of these is most probable. Where hundreds of random
+    /// closures are left, some are near the truth by chance.
+    fn learn_prior(&mut self) {
+        let edges = 0..self.odds.len();
+        let unsupported = edges.filter(|&edge| !self.trusted[edge] && !self.supported[edge]);
+        let odds: Vec<f64> = unsupported.map(|edge| self.odds[edge]).collect();
+        self.prior = 0.0;
+        for _ in 0..30 {
+            let right: f64 = odds.iter().map(|odds| 1.0 / (1.0 + (-odds - self.prior).exp())).sum();
+            // Before any, both are as probable.
+            self.prior = ((1.0 + right) / (1.0 + odds.len() as f64 - right)).ln();
+        }
     }
 
     /// The accepted edges that are not trusted, judged by the variance that they show together.
@@ -207,7 +230,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
     {
         let poses = &part.graph.poses;
         let mut pieces = part.pieces();
-        let (mut decided, mut open) = (Vec::new(), Vec::new());
+        let mut candidates = Vec::new();
         let mut joining: HashMap<(usize, usize), Vec<usize>> = HashMap::new();
         for (index, edge) in self.graph.edges.iter().enumerate() {
             if self.accepted[index] || self.left_out[index] >= PATIENCE {
@@ -230,10 +253,15 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
                 false => judge(spread.of(edge.from, edge.to, &slope)),
             };
             self.odds[index] = verdict.odds;
-            if most >= 0.0 && self.enters(&verdict) {
-                let list = if verdict.doubt < DECIDED { &mut decided } else { &mut open };
-                list.push((verdict.odds, index));
+            if most >= 0.0 {
+                candidates.push((index, verdict));
             }
+        }
+        self.learn_prior();
+        let (mut decided, mut open) = (Vec::new(), Vec::new());
+        for (index, verdict) in candidates.into_iter().filter(|(_, v)| self.enters(v)) {
+            let list = if verdict.doubt < DECIDED { &mut decided } else { &mut open };
+            list.push((verdict.odds, index));
         }
         open.sort_by(|a, b| b.0.total_cmp(&a.0));
         let certain = open.iter().take_while(|(odds, _)| *odds > CERTAIN).count();
