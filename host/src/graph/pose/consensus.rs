@@ -111,8 +111,10 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
             let entrants = loop {
                 let mut spread = Spread::new(&mut optimizer, &part.graph, &part.weights)?;
                 let members = self.members::<N>(&part, &mut spread, claimed);
-                let mut failing: Vec<&Member<D>> =
-                    members.iter().filter(|member| !self.stays(part.edges[member.at], &member.verdict)).collect();
+                let mut failing: Vec<&Member<D>> = members
+                    .iter()
+                    .filter(|member| !self.stays(part.edges[member.at], &member.verdict))
+                    .collect();
                 if failing.is_empty() || round + 1 == ROUNDS {
                     break self.entrants::<N>(&part, &mut spread);
                 }
@@ -248,12 +250,13 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
             let bound = judge(spread.bound(edge.from, edge.to, &slope));
             // As if the error were as large as the poses' doubt allows, and surprising all the same.
             let most = bound.odds + 0.5 * D as f64 * bound.doubt.ln();
-            let verdict = match most < 0.0 {
+            let hopeless = most + self.prior.max(0.0) < 0.0;
+            let verdict = match hopeless {
                 true => Verdict { odds: most, ..bound },
                 false => judge(spread.of(edge.from, edge.to, &slope)),
             };
             self.odds[index] = verdict.odds;
-            if most >= 0.0 {
+            if !hopeless {
                 candidates.push((index, verdict));
             }
         }
@@ -266,7 +269,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
         open.sort_by(|a, b| b.0.total_cmp(&a.0));
         let certain = open.iter().take_while(|(odds, _)| *odds > CERTAIN).count();
         let mut entrants: Vec<usize> = decided.into_iter().map(|(_, index)| index).collect();
-        entrants.extend(open[..certain.div_ceil(4)].iter().map(|&(_, index)| index));
+        entrants.extend(open[..certain.div_ceil(2)].iter().map(|&(_, index)| index));
         if entrants.is_empty() {
             entrants.extend(open.first().map(|&(_, index)| index));
         }
