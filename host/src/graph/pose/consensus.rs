@@ -5,7 +5,8 @@
 //! takes in what agrees with the optimum given how uncertain that is. Where it is hardly
 //! uncertain all that agree are taken at once; where it is, the most certain first, since each of them
 //! changes what is known of the others. Chain rule: the evidence of a set is the product of the evidence of
-//! its members, each given those before.
+//! its members, each given those before. How probable a closure was before its evidence is learned with
+//! them: where most of those that cycles did not support are random, weak evidence is not enough.
 
 use std::collections::HashMap;
 
