@@ -5,14 +5,15 @@
 //! takes in what agrees with the optimum given how uncertain that is. Where it is hardly
 //! uncertain all that agree are taken at once; where it is, the most certain first, since each of them
 //! changes what is known of the others. Chain rule: the evidence of a set is the product of the evidence of
-//! its members, each given those before.
+//! its members, each given those before. How probable a closure was before its evidence is learned with
+//! them: where most of those that cycles did not support are random, weak evidence is not enough.
 
 use std::collections::HashMap;
 
 use nalgebra::{SMatrix, SVector};
 
 use super::chordal::chordal_in;
-use super::evidence::{Chance, Errors, Verdict};
+use super::evidence::{Chance, Verdict, scale};
 use super::gnc::{Annealing, Gnc};
 use super::odometry::Sets;
 use super::optimizer::{Optimizer, Options};
@@ -51,6 +52,10 @@ pub(super) struct Search<'a, G, const D: usize> {
     trusted: &'a [bool],
     options: &'a Gnc,
     left_out: Vec<u8>,
+    /// Which edges had support from the start, and the log odds that another one is right before
+    /// anything is known of it.
+    supported: Vec<bool>,
+    prior: f64,
 }
 
 /// An edge of the optimum and how it agrees with the others.
@@ -76,6 +81,8 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
             accepted: accepted.collect(),
             odds: trusted.iter().map(|&t| if t { f64::INFINITY } else { 0.0 }).collect(),
             left_out: vec![0; trusted.len()],
+            supported: first.to_vec(),
+            prior: 0.0,
             graph: graph.clone(),
             rounds: 0,
             chance,
@@ -89,7 +96,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
     where
         G: Rigid<D, N>,
     {
-        let claimed = self.chance.errors.variance;
+        let claimed = self.chance.variance;
         let mut expected = 0.0;
         for round in 0..ROUNDS {
             let mut part = Part::new(&self.graph, &self.accepted);
@@ -105,8 +112,10 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
             let entrants = loop {
                 let mut spread = Spread::new(&mut optimizer, &part.graph, &part.weights)?;
                 let members = self.members::<N>(&part, &mut spread, claimed);
-                let mut failing: Vec<&Member<D>> =
-                    members.iter().filter(|member| !self.stays(&member.verdict)).collect();
+                let mut failing: Vec<&Member<D>> = members
+                    .iter()
+                    .filter(|member| !self.stays(part.edges[member.at], &member.verdict))
+                    .collect();
                 if failing.is_empty() || round + 1 == ROUNDS {
                     break self.entrants::<N>(&part, &mut spread);
                 }
@@ -137,7 +146,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
             let weighted = part.graph.edges.iter().zip(&part.weights);
             let chi2: f64 =
                 weighted.map(|(edge, weight)| weight * edge.chi2(&part.graph.poses)).sum();
-            expected = chi2 + (entrants.len() * D) as f64 * self.chance.errors.variance;
+            expected = chi2 + (entrants.len() * D) as f64 * self.chance.variance;
             self.graph.poses = part.graph.poses;
             if last {
                 break;
@@ -153,16 +162,33 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
     }
 
     /// Whether an accepted edge may remain one: unless it is certain to be wrong.
-    fn stays(&self, verdict: &Verdict) -> bool {
+    fn stays(&self, edge: usize, verdict: &Verdict) -> bool {
+        let prior = if self.supported[edge] { 0.0 } else { self.prior };
         match self.options.barrier {
             Some(barrier) => verdict.chi2 < barrier,
-            None => verdict.odds > -CERTAIN,
+            None => verdict.odds + prior > -CERTAIN,
         }
     }
 
     /// Whether others may enter.
     fn enters(&self, verdict: &Verdict) -> bool {
-        self.options.barrier.is_none_or(|barrier| verdict.chi2 < barrier) && verdict.odds > 0.0
+        self.options.barrier.is_none_or(|barrier| verdict.chi2 < barrier)
+            && verdict.odds + self.prior > 0.0
+    }
+
+    /// Log odds that an edge without support from the start is right, before its own evidence: of the share
+    /// under which the evidence of all of these is most probable. Where hundreds of random
+    /// closures are left, some are near the truth by chance.
+    fn learn_prior(&mut self) {
+        let edges = 0..self.odds.len();
+        let unsupported = edges.filter(|&edge| !self.trusted[edge] && !self.supported[edge]);
+        let odds: Vec<f64> = unsupported.map(|edge| self.odds[edge]).collect();
+        self.prior = 0.0;
+        for _ in 0..30 {
+            let right: f64 = odds.iter().map(|odds| 1.0 / (1.0 + (-odds - self.prior).exp())).sum();
+            // Before any, both are as probable.
+            self.prior = ((1.0 + right) / (1.0 + odds.len() as f64 - right)).ln();
+        }
     }
 
     /// The accepted edges that are not trusted, judged by the variance that they show together.
@@ -188,9 +214,9 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
             })
             .collect();
         let redundant = members.iter().filter(|member| member.verdict.doubt.is_finite());
-        let scale = self.chance.errors.variance;
-        let squared: Vec<f64> = redundant.map(|member| member.verdict.chi2 * scale).collect();
-        self.chance.errors = Errors::of::<D>(&squared, claimed);
+        let variance = self.chance.variance;
+        let squared: Vec<f64> = redundant.map(|member| member.verdict.chi2 * variance).collect();
+        self.chance.variance = scale::<D>(&squared, claimed);
         for member in &mut members {
             let information = &part.graph.edges[member.at].information;
             member.verdict =
@@ -207,7 +233,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
     {
         let poses = &part.graph.poses;
         let mut pieces = part.pieces();
-        let (mut decided, mut open) = (Vec::new(), Vec::new());
+        let mut candidates = Vec::new();
         let mut joining: HashMap<(usize, usize), Vec<usize>> = HashMap::new();
         for (index, edge) in self.graph.edges.iter().enumerate() {
             if self.accepted[index] || self.left_out[index] >= PATIENCE {
@@ -225,20 +251,26 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
             let bound = judge(spread.bound(edge.from, edge.to, &slope));
             // As if the error were as large as the poses' doubt allows, and surprising all the same.
             let most = bound.odds + 0.5 * D as f64 * bound.doubt.ln();
-            let verdict = match most < 0.0 {
+            let hopeless = most + self.prior.max(0.0) < 0.0;
+            let verdict = match hopeless {
                 true => Verdict { odds: most, ..bound },
                 false => judge(spread.of(edge.from, edge.to, &slope)),
             };
             self.odds[index] = verdict.odds;
-            if most >= 0.0 && self.enters(&verdict) {
-                let list = if verdict.doubt < DECIDED { &mut decided } else { &mut open };
-                list.push((verdict.odds, index));
+            if !hopeless {
+                candidates.push((index, verdict));
             }
+        }
+        self.learn_prior();
+        let (mut decided, mut open) = (Vec::new(), Vec::new());
+        for (index, verdict) in candidates.into_iter().filter(|(_, v)| self.enters(v)) {
+            let list = if verdict.doubt < DECIDED { &mut decided } else { &mut open };
+            list.push((verdict.odds, index));
         }
         open.sort_by(|a, b| b.0.total_cmp(&a.0));
         let certain = open.iter().take_while(|(odds, _)| *odds > CERTAIN).count();
         let mut entrants: Vec<usize> = decided.into_iter().map(|(_, index)| index).collect();
-        entrants.extend(open[..certain.div_ceil(4)].iter().map(|&(_, index)| index));
+        entrants.extend(open[..certain.div_ceil(2)].iter().map(|&(_, index)| index));
         if entrants.is_empty() {
             entrants.extend(open.first().map(|&(_, index)| index));
         }
@@ -261,7 +293,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
     where
         G: Rigid<D, N>,
     {
-        let barrier = self.options.barrier(D) * self.chance.errors.variance;
+        let barrier = self.options.barrier(D) * self.chance.variance;
         let squared = |part: &Part<G, D>, at: usize| part.graph.edges[at].chi2(&part.graph.poses);
         let worst = open.iter().map(|&at| squared(part, at)).fold(0.0, f64::max);
         let mut annealing = Annealing::new(self.options, barrier, worst);

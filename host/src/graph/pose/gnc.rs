@@ -21,7 +21,7 @@ use nalgebra::SVector;
 
 use super::consensus::Search;
 use super::cycles::{agreeing, supported};
-use super::evidence::{Chance, Errors};
+use super::evidence::Chance;
 use super::odometry::{odometry, odometry_edges, ranks};
 use super::rigid::Rigid;
 use super::{Error, PoseGraph};
@@ -160,7 +160,7 @@ pub fn gnc<G: Rigid<D, N>, const D: usize, const N: usize>(
         Trust::Nothing => agreeing(graph, &chance),
         _ => supported(graph, &ranks(graph), &trusted, &chance),
     };
-    chance.errors = Errors::normal(support.variance);
+    chance.variance = support.variance;
     let mut search = Search::new(&start, options, &trusted, &support.edges, chance);
     search.run::<N>().map_err(|error| match error {
         // What was left out had held the pose.
@@ -176,7 +176,7 @@ pub fn gnc<G: Rigid<D, N>, const D: usize, const N: usize>(
     Ok(Inliers {
         weights: search.accepted.iter().map(|&accepted| f64::from(accepted)).collect(),
         odds: search.odds,
-        variance: search.chance.errors.variance,
+        variance: search.chance.variance,
         rounds: search.rounds,
     })
 }
