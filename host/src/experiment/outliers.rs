@@ -122,6 +122,7 @@ impl fmt::Display for Row {
             0 => String::new(),
             failed => format!(", {failed} errors"),
         };
+        let well = format!("{}/{}{failed}", self.found, self.runs);
         write!(
             f,
             "{:<24}{:<9}{:>4}{:>7}{:>7}  {:<10.4}{:<10.4}{:<10.1e}{:<12.1e}{:<10.5}{:<18}{}",
@@ -136,7 +137,7 @@ impl fmt::Display for Row {
             self.relative.median,
             self.chi2.median,
             time,
-            format!("{}/{}{failed}", self.found, self.runs),
+            well
         )
     }
 }

@@ -209,7 +209,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
                 let poses = &part.graph.poses;
                 let slope = G::linearise(&poses[edge.from], &poses[edge.to], &edge.measured);
                 let (error, spread) = (slope.error, spread.of(edge.from, edge.to, &slope));
-                let verdict = self.chance.inside::<G, D, N>(&error, &edge.information, &spread);
+                let verdict = self.chance.inside::<D, N>(&error, &edge.information, &spread);
                 Member { at, error, spread, verdict }
             })
             .collect();
@@ -219,8 +219,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
         self.chance.variance = scale::<D>(&squared, claimed);
         for member in &mut members {
             let information = &part.graph.edges[member.at].information;
-            member.verdict =
-                self.chance.inside::<G, D, N>(&member.error, information, &member.spread);
+            member.verdict = self.chance.inside::<D, N>(&member.error, information, &member.spread);
             self.odds[part.edges[member.at]] = member.verdict.odds;
         }
         members
@@ -246,7 +245,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
             }
             let slope = G::linearise(&poses[edge.from], &poses[edge.to], &edge.measured);
             let judge = |spread: SMatrix<f64, D, D>| {
-                self.chance.outside::<G, D, N>(&slope.error, &edge.information, &spread)
+                self.chance.outside::<D, N>(&slope.error, &edge.information, &spread)
             };
             let bound = judge(spread.bound(edge.from, edge.to, &slope));
             // As if the error were as large as the poses' doubt allows, and surprising all the same.

@@ -139,7 +139,7 @@ struct Closing {
 }
 
 impl Closing {
-    fn new<G: Rigid<D, N>, const D: usize, const N: usize>(
+    fn new<const D: usize, const N: usize>(
         edges: [usize; 2],
         error: &SVector<f64, D>,
         cycle: &[Doubt],
@@ -221,7 +221,7 @@ pub(super) fn supported<G: Rigid<D, N>, const D: usize, const N: usize>(
     for (at, &(index, from, to, measured, own)) in closures.iter().enumerate() {
         if let Some((way, doubt)) = chain.way(from, to) {
             let error = G::error(&G::identity(), &way, &measured);
-            all.push(Closing::new::<G, D, N>([index; 2], &error, &[own, doubt]));
+            all.push(Closing::new::<D, N>([index; 2], &error, &[own, doubt]));
         }
         let (row, column) = (from / width, to / width);
         around.clear();
@@ -247,7 +247,7 @@ pub(super) fn supported<G: Rigid<D, N>, const D: usize, const N: usize>(
             let around = before.compose(&between).compose(&after);
             let error = G::error(&G::identity(), &around, &measured);
             let parts = [own, first, doubt, last];
-            let cycle = Closing::new::<G, D, N>([index, second], &error, &parts);
+            let cycle = Closing::new::<D, N>([index, second], &error, &parts);
             if told < NEAREST {
                 near.push(cycle);
                 told += 1;
@@ -282,7 +282,7 @@ pub(super) fn agreeing<G: Rigid<D, N>, const D: usize, const N: usize>(
             let mut cycle = vec![own];
             cycle.extend(path.iter().map(|&edge| doubt(&graph.edges[edge])));
             for &other in path {
-                all.push(Closing::new::<G, D, N>([index, other], &error, &cycle));
+                all.push(Closing::new::<D, N>([index, other], &error, &cycle));
             }
         };
         for (direct, way) in between.get(&(edge.from, edge.to)).into_iter().flatten() {

@@ -12,7 +12,6 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::rigid::Rigid;
 
 /// What random closures look like, and how large the errors of right ones are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -107,7 +106,7 @@ impl Chance {
 
     /// Of a measurement that took no part in the estimate it is compared with, whose error has the
     /// covariance `spread` (in claimed units) on its account.
-    pub fn outside<G: Rigid<D, N>, const D: usize, const N: usize>(
+    pub fn outside<const D: usize, const N: usize>(
         &self,
         error: &SVector<f64, D>,
         information: &SMatrix<f64, D, D>,
@@ -117,7 +116,7 @@ impl Chance {
     }
 
     /// The same for one that did take part, as if it had not: its error would have been larger.
-    pub fn inside<G: Rigid<D, N>, const D: usize, const N: usize>(
+    pub fn inside<const D: usize, const N: usize>(
         &self,
         error: &SVector<f64, D>,
         information: &SMatrix<f64, D, D>,
@@ -224,8 +223,8 @@ mod tests {
             let rounding = SMatrix::<f64, D, D>::identity() * (1e-9 * own.norm());
             assert!((slack + rounding).cholesky().is_some(), "{slack}");
             match inside {
-                true => chance.inside::<G, D, N>(&at.error, &edge.information, &own),
-                false => chance.outside::<G, D, N>(&at.error, &edge.information, &own),
+                true => chance.inside::<D, N>(&at.error, &edge.information, &own),
+                false => chance.outside::<D, N>(&at.error, &edge.information, &own),
             }
         };
         let (inside, outside) = (verdict(&with, true), verdict(&without, false));
@@ -251,7 +250,7 @@ mod tests {
         let of = |x: f64, doubt: f64| {
             let spread = nalgebra::Matrix3::identity() * doubt;
             let error = nalgebra::Vector3::new(x, 0.0, 0.0);
-            chance.outside::<Se2, 3, 2>(&error, &information, &spread).odds
+            chance.outside::<3, 2>(&error, &information, &spread).odds
         };
         // ln (2 π · 100 π) − 1.5 ln (2 π / 100) + ln Σ wₖ k^−1.5
         let exact = 7.588 + 4.151 - 0.102;
@@ -263,7 +262,7 @@ mod tests {
         assert!(of(1.0, 1e6).abs() < 1e-3);
         let nothing = nalgebra::Matrix3::zeros();
         let far = nalgebra::Vector3::new(3.0, 0.0, 0.0);
-        let verdict = chance.outside::<Se2, 3, 2>(&far, &nothing, &nothing);
+        let verdict = chance.outside::<3, 2>(&far, &nothing, &nothing);
         assert!(verdict.odds.abs() < 0.5, "{verdict:?}");
     }
 
@@ -295,7 +294,7 @@ mod tests {
             .map(|k| {
                 let r = (f64::from(k) + 0.5) * step;
                 let error = nalgebra::Vector3::new(r, 0.0, 0.0);
-                let verdict = chance.outside::<Se2, 3, 2>(&error, &(one * 100.0), &(one * 0.1));
+                let verdict = chance.outside::<3, 2>(&error, &(one * 100.0), &(one * 0.1));
                 4.0 * std::f64::consts::PI
                     * r
                     * r

@@ -106,7 +106,7 @@ impl Articulated {
     /// # Errors
     /// When it has no fingertips.
     pub fn new(model: Model, tips: &[String], file: &str) -> Result<Articulated, HandError> {
-        let refuse = |problem| HandError { file: file.into(), problem };
+        let refuse = |problem: Problem| HandError { file: file.into(), problem: problem.into() };
         let tips = model.tips(tips).map_err(refuse)?;
         if tips.len() > MOST_FINGERS {
             let problem = Problem::Many { what: "fingers", found: tips.len(), most: MOST_FINGERS };

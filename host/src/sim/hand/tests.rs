@@ -146,7 +146,7 @@ fn fingertips_can_be_named() {
     assert!(refused("no").contains("there is no such link"));
     assert!(refused("palm").contains("no collision geometry"));
     let twice = Articulated::new(model.clone(), &["tip".into(), "tip".into()], "s").unwrap_err();
-    assert!(matches!(twice.problem, Problem::Tip { .. }), "{twice}");
+    assert!(matches!(*twice.problem, Problem::Tip { .. }), "{twice}");
 }
 
 #[test]

@@ -30,7 +30,7 @@ pub struct HandError {
     /// Where the description is from.
     pub file: String,
     /// What is wrong with it.
-    pub problem: Problem,
+    pub problem: Box<Problem>,
 }
 
 /// What is wrong with a description.
@@ -290,7 +290,7 @@ impl Model {
     pub fn read(file: &Path) -> Result<Model, HandError> {
         let name = file.display().to_string();
         let text = std::fs::read_to_string(file)
-            .map_err(|e| HandError { file: name.clone(), problem: Problem::Io(e) })?;
+            .map_err(|e| HandError { file: name.clone(), problem: Box::new(Problem::Io(e)) })?;
         Model::parse(&text, &name, file.parent())
     }
 
@@ -308,7 +308,8 @@ impl Model {
     /// assert_eq!((model.links.len(), model.coordinates.len()), (2, 1));
     /// ```
     pub fn parse(text: &str, file: &str, folder: Option<&Path>) -> Result<Model, HandError> {
-        parse(text, folder).map_err(|problem| HandError { file: file.into(), problem })
+        parse(text, folder)
+            .map_err(|problem| HandError { file: file.into(), problem: problem.into() })
     }
 
     /// The link of this name.
