@@ -11,7 +11,7 @@ use tactile_core::matrix::Square;
 use tactile_core::random::Random;
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::surface::Gpis;
-use tactile_core::track::{MotionNoise, Tracker};
+use tactile_core::track::MotionNoise;
 use tactile_core::wire::{ChoiceFrame, FaceSummary, TrackerKind, WireSpace};
 use tactile_host::explore::adviser::Closing;
 use tactile_host::explore::placement::{Placement, fixed};

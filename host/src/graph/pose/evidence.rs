@@ -12,7 +12,6 @@
 
 use nalgebra::{SMatrix, SVector};
 
-
 /// What random closures look like, and how large the errors of right ones are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Chance {
@@ -184,6 +183,7 @@ mod tests {
     use super::super::spread::Spread;
     use super::super::{Group, Optimizer, Options, PoseGraph, Se2, Se3, optimize};
     use super::*;
+    use crate::graph::pose::Rigid;
 
     /// The covariance of an edge's error from the whole inverse.
     fn dense<G: Group<D>, const D: usize>(
