@@ -199,8 +199,9 @@ fn a_page_shows_an_exploration_with_its_candidates() {
     assert_eq!(page.value("player.scene.choices[0].candidates.length"), 20);
     let best = "(({ chosen, candidates, most }) => candidates[chosen].gain === most)";
     assert_eq!(page.value(&format!("{best}(player.scene.choices[0])")), true);
-    let charts = page.value("player.charts.cards.map((c) => c.chart.title)").to_string();
-    assert!(charts.contains("Gain of the next touch"), "{charts}");
+    // Charts follow the scene with the next frame.
+    let titles = "player.charts.cards.map((c) => c.chart.title)";
+    page.until(&format!("{titles}.includes('Gain of the next touch')"));
     // The candidates are lines of the scene, and go when nobody wants them.
     let segments = |shown: bool| {
         format!(
