@@ -18,7 +18,8 @@ use crate::space::Point;
 /// use tactile_host::space::Point;
 ///
 /// let square = "rectangle:0.1x0.1".parse::<ObjectSpec>()?.geometry()?;
-/// let paths = Paths::new(&square, &[Point::new(0.0, 0.05, 0.0)]);
+/// let felt = [Point::new(0.0, 0.05, 0.0)];
+/// let paths = Paths::new(&square, &felt);
 /// let (from, length) = paths.to(&Point::new(0.0, -0.05, 0.0)).ok_or("no path")?;
 /// assert!(from == 0 && (length - 0.2).abs() < 1e-12);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
