@@ -85,7 +85,9 @@
 
 mod candidate;
 mod codec;
+mod estimate;
 mod frame;
+mod grasp;
 mod quantity;
 mod sensor;
 
@@ -93,11 +95,12 @@ pub use candidate::{CandidateFrame, ChoiceFrame, StrokeFrame};
 pub use codec::{
     Arrival, Counters, Decoder, EncodeError, FrameError, MAX_FRAME, Received, encode, seal, unseal,
 };
+pub use estimate::{BeliefFrame, EstimateFrame, FaceFrame, FaceSummary, ModeFrame};
 pub use frame::{
-    BeliefFrame, BoardKind, Command, ContactFrame, EstimateFrame, FaceFrame, FaceSummary, Frame,
-    FreeFrame, Health, Hello, ModeFrame, MotionFrame, PROTOCOL, Refusal, Reply, Report,
-    SHORTEST_STREAM, Settings, Topic, TrackerKind,
+    BoardKind, Command, Frame, Health, Hello, PROTOCOL, Refusal, Reply, Report, SHORTEST_STREAM,
+    Settings, Topic, TrackerKind,
 };
+pub use grasp::{ContactFrame, FreeFrame, MotionFrame};
 pub use quantity::{Clock, Field, Fraction, WireSpace};
 pub use sensor::{
     FingerFrame, FingerState, FingertipFrame, SensorFault, SensorFrame, SensorPart, Skin, Words,
