@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use tactile_core::contact::{Contact, FreePoint};
 use tactile_core::explore::{Candidate, CandidateError, Criterion};
-use tactile_core::track::{MotionNoise, Observability, Status};
+use tactile_core::track::Status;
 use tactile_core::wire::{
     Arrival, CandidateFrame, ChoiceFrame, Clock, Command, ContactFrame, Counters, Decoder,
     EstimateFrame, FaceFrame, FingerFrame, FingertipFrame, Frame, FrameError, FreeFrame, Health,
@@ -21,13 +21,13 @@ use tactile_core::wire::{
 
 use super::Link;
 use super::lesson::Lesson;
-use crate::log::GraspLog;
-use crate::slam::track::{self, Step, six_by_six};
-use crate::slam::usual_deviations;
-use crate::space::{Bridge, Pose};
 
+mod log;
+mod outcome;
 mod sensed;
 
+pub use log::settings_for;
+pub use outcome::{FeltContact, GraspOutcome, LogOutcome, steps};
 pub use sensed::SensedError;
 
 /// How long to wait before a command is sent again, and how often.
@@ -119,86 +119,6 @@ pub enum SessionError {
         /// Which.
         grasp: u32,
     },
-}
-
-/// What a board made of one grasp.
-#[derive(Clone, Debug, PartialEq)]
-pub struct GraspOutcome<S: WireSpace> {
-    /// What the board believes.
-    pub estimate: EstimateFrame<S>,
-    /// The poses it held possible, heaviest first: asked for where the estimate is ambiguous.
-    pub modes: Vec<ModeFrame<S>>,
-    /// How it fares.
-    pub health: Health,
-    /// Contacts of the log that the board's grasp had no room for.
-    pub not_sent: usize,
-    /// From the first frame of the grasp to the estimate.
-    pub elapsed: Duration,
-    /// What the board's own sensors added to the grasp.
-    pub felt: Vec<ContactFrame<S>>,
-}
-
-/// What a finger of the board felt.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FeltContact<S: WireSpace> {
-    /// When it was sampled, microseconds of the sensor's clock, wrapping.
-    pub time: u32,
-    /// What, in the world frame.
-    pub contact: ContactFrame<S>,
-}
-
-/// What a board made of a whole log.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LogOutcome<S: WireSpace> {
-    /// Who answered.
-    pub hello: Hello,
-    /// One for every grasp of the log.
-    pub grasps: Vec<GraspOutcome<S>>,
-    /// What the host saw of the board's frames.
-    pub received: Counters,
-    /// Frames sent again.
-    pub repeated: u32,
-}
-
-impl<S: Bridge + WireSpace> LogOutcome<S> {
-    /// The estimated pose of every grasp, object to world.
-    pub fn poses(&self) -> Vec<Pose> {
-        // Sessions refuse estimates that are not finite.
-        self.grasps.iter().filter_map(|g| g.estimate.pose()).map(|p| S::isometry(&p)).collect()
-    }
-
-    /// The estimates as [`crate::slam`] takes them.
-    pub fn steps(&self) -> Vec<Step> {
-        steps(&self.grasps)
-    }
-}
-
-impl<S: Bridge + WireSpace> GraspOutcome<S> {
-    /// The estimate as [`crate::slam`] takes it; `None` if it is not finite, which sessions refuse.
-    pub fn step(&self) -> Option<Step> {
-        let estimate = &self.estimate;
-        let seen = estimate.eigenvalues();
-        Some(Step {
-            pose: S::isometry(&estimate.pose()?),
-            covariance: six_by_six::<S>(&estimate.covariance()),
-            status: estimate.status(),
-            modes: self
-                .modes
-                .iter()
-                .filter_map(ModeFrame::mode)
-                .map(|m| (S::isometry(&m.pose), m.weight.into()))
-                .collect(),
-            effective_particles: estimate.effective_particles.into(),
-            corrected: estimate.corrected(),
-            observed: (0..S::FREEDOM).filter(|&i| seen[i] > Observability::<S>::THRESHOLD).count(),
-            contacts: [estimate.contacts, estimate.rejected, estimate.dropped].map(usize::from),
-        })
-    }
-}
-
-/// Estimates as [`crate::slam`] takes them; those that are not finite are left out.
-pub fn steps<S: Bridge + WireSpace>(grasps: &[GraspOutcome<S>]) -> Vec<Step> {
-    grasps.iter().filter_map(GraspOutcome::step).collect()
 }
 
 /// A conversation with one board.
@@ -619,66 +539,4 @@ impl<S: WireSpace, L: Link> Session<S, L> {
             }
         }
     }
-}
-
-impl<S: Bridge + WireSpace, L: Link> Session<S, L> {
-    /// Configures the board and feeds it a whole log; `each` is called after every grasp with its
-    /// number in the log.
-    ///
-    /// # Errors
-    /// When the log has another dimension, or as every command.
-    pub fn run(
-        self,
-        log: &GraspLog,
-        settings: Settings,
-        mut each: impl FnMut(usize, &GraspOutcome<S>),
-    ) -> Result<LogOutcome<S>, SessionError> {
-        self.run_taught(log, settings, |number, _, outcomes| {
-            if let Some(last) = outcomes.last() {
-                each(number, last);
-            }
-            None
-        })
-    }
-
-    /// The same with a teacher, who is asked after every grasp with its number, who answered, and all
-    /// outcomes so far.
-    ///
-    /// # Errors
-    /// As [`run`](Self::run), and where the board does not take a lesson.
-    pub fn run_taught(
-        mut self,
-        log: &GraspLog,
-        settings: Settings,
-        mut teacher: impl FnMut(usize, &Hello, &[GraspOutcome<S>]) -> Option<Lesson<S>>,
-    ) -> Result<LogOutcome<S>, SessionError> {
-        let hello = match self.hello {
-            Some(hello) if log.dimension == S::DIMENSION => hello,
-            _ => {
-                let board = self.hello.map_or(S::DIMENSION as u8, |h| h.dimension);
-                return Err(SessionError::Dimension { board, log: log.dimension });
-            }
-        };
-        self.configure(settings)?;
-        let mut grasps = Vec::with_capacity(log.grasps.len());
-        for (number, grasp) in log.grasps.iter().enumerate() {
-            let motion = grasp.motion.as_ref().map(S::pose);
-            let contacts = track::contacts::<S>(grasp, &log.noise);
-            let free = track::free_points::<S>(grasp);
-            let outcome = self.grasp(motion.as_ref(), &contacts, &free)?;
-            grasps.push(outcome);
-            if let Some(lesson) = teacher(number, &hello, &grasps) {
-                self.teach(&lesson)?;
-            }
-        }
-        let received = *self.decoder.counters();
-        Ok(LogOutcome { hello, grasps, received, repeated: self.repeated })
-    }
-}
-
-/// The board's settings for a log: the noise that [`crate::slam`] assumes of it.
-pub fn settings_for(log: &GraspLog, seed: u64) -> Settings {
-    let MotionNoise { translation, rotation } = track::settings(log, seed).motion;
-    let (point, normal) = usual_deviations(&log.noise);
-    Settings { point: point as f32, normal: normal as f32, translation, rotation, seed }
 }
