@@ -12,7 +12,7 @@ use crate::space::{Pose, Space};
 use crate::surface::{Insertion, Map};
 use crate::track::likelihood::{is_strange, log_free, log_likelihood};
 use crate::track::particles::Particles;
-use crate::track::{Estimate, MotionNoise, Observability, Separation, Status, Tracker};
+use crate::track::{Estimate, MotionNoise, Separation, Status, Tracker};
 
 /// The thesis' condition on a pose (3.5.1): enough contacts of the grasp must lie close to contacts
 /// already in the map, or its likelihood is zero. Of a grasp with fewer contacts, all must.
@@ -306,20 +306,11 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Tracker<S> for Bootstrap<S, M,
         if status != Status::Lost {
             dropped = self.learn(&grasp, &pose, &covariance);
         }
-        let felt = grasp.felt_from(&pose);
         let estimate = Estimate {
-            grasp: self.grasps,
-            pose,
-            covariance,
-            status,
-            modes,
             effective_particles,
-            observability: Observability::of(felt),
-            contacts: contacts.min(usize::from(u16::MAX)) as u16,
-            rejected: (grasp.contacts.len() - contacts).min(usize::from(u16::MAX)) as u16,
             dropped,
-            corrected,
             resampled,
+            ..Estimate::after(self.grasps, &grasp, (pose, covariance), status, modes)
         };
         self.grasps = self.grasps.saturating_add(1);
         estimate

@@ -43,7 +43,7 @@ use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
 use crate::surface::Revisable;
 use crate::track::automatic::{Evidence, wild};
-use crate::track::{Estimate, Modes, MotionNoise, Observability, Separation, Status, Tracker};
+use crate::track::{Estimate, Modes, MotionNoise, Separation, Status, Tracker};
 use doubt::Belief;
 use memory::{Drift, Memory, Move};
 use proposal::Prediction;
@@ -353,20 +353,10 @@ impl<
         if corrected && modes.disagree(AMBIGUOUS) {
             status = Status::Ambiguous;
         }
-        let felt = grasp.felt_from(&pose);
         let estimate = Estimate {
-            grasp: self.grasps,
-            pose,
-            covariance,
-            status,
-            modes,
             effective_particles,
-            observability: Observability::of(felt),
-            contacts: contacts.min(usize::from(u16::MAX)) as u16,
-            rejected: (grasp.contacts.len() - contacts).min(usize::from(u16::MAX)) as u16,
             dropped,
-            corrected,
-            resampled: false,
+            ..Estimate::after(self.grasps, &grasp, (pose, covariance), status, modes)
         };
         self.grasps = self.grasps.saturating_add(1);
         estimate

@@ -47,7 +47,7 @@ use crate::math;
 use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
 use crate::track::automatic::{Evidence, wild};
-use crate::track::{Estimate, Modes, MotionNoise, Observability, Separation, Status, Tracker};
+use crate::track::{Estimate, Modes, MotionNoise, Separation, Status, Tracker};
 use beam::TOUCHES;
 use explanation::Outcome;
 use hypothesis::Hypothesis;
@@ -60,6 +60,9 @@ use work::Work;
 pub const fn rows<S: Space>(faces: usize) -> usize {
     S::FREEDOM + S::DIMENSION * faces
 }
+
+/// A second answer with this share of the belief makes it ambiguous.
+const AMBIGUOUS: f32 = 0.1;
 
 /// How a [`Hypotheses`] works.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -381,25 +384,16 @@ impl<
             (false, _) => Status::Started,
             (true, 0) => Status::Predicted,
             _ if outcome.lost => Status::Lost,
-            _ if modes.disagree(0.1) => Status::Ambiguous,
+            _ if modes.disagree(AMBIGUOUS) => Status::Ambiguous,
             _ if !outcome.corrected => Status::Predicted,
             _ => Status::Tracking,
         };
         let squares: f32 = self.hypotheses().map(|(share, _)| share * share).sum();
-        let placed = grasp.felt_from(&pose);
         let estimate = Estimate {
-            grasp: self.grasps,
-            pose,
-            covariance: self.covariance(&pose),
-            status,
-            modes,
             effective_particles: if squares > 0.0 { 1.0 / squares } else { 0.0 },
-            observability: Observability::of(placed),
-            contacts: contacts.min(usize::from(u16::MAX)) as u16,
-            rejected: (grasp.contacts.len() - contacts).min(usize::from(u16::MAX)) as u16,
             dropped: outcome.dropped,
             corrected: outcome.corrected,
-            resampled: false,
+            ..Estimate::after(self.grasps, &grasp, (pose, self.covariance(&pose)), status, modes)
         };
         self.grasps = self.grasps.saturating_add(1);
         estimate

@@ -109,3 +109,32 @@ pub struct Estimate<S: Space> {
     /// Whether the particles were resampled.
     pub resampled: bool,
 }
+
+impl<S: Space> Estimate<S> {
+    /// What every tracker says in the same way of a grasp and a belief after it. Samples, what the map
+    /// let go and resampling are the tracker's to add.
+    fn after(
+        number: u32,
+        grasp: &GraspView<'_, S>,
+        (pose, covariance): (S::Pose, S::Covariance),
+        status: Status,
+        modes: Modes<S>,
+    ) -> Self {
+        let contacts = grasp.usable().count();
+        let count = |n: usize| n.min(usize::from(u16::MAX)) as u16;
+        Estimate {
+            grasp: number,
+            pose,
+            covariance,
+            status,
+            modes,
+            effective_particles: 0.0,
+            observability: Observability::of(grasp.felt_from(&pose)),
+            contacts: count(contacts),
+            rejected: count(grasp.contacts.len() - contacts),
+            dropped: 0,
+            corrected: matches!(status, Status::Tracking | Status::Ambiguous),
+            resampled: false,
+        }
+    }
+}

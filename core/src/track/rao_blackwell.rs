@@ -24,7 +24,7 @@ use crate::matrix::Coordinates;
 use crate::random::Random;
 use crate::space::{self, Pose, Space};
 use crate::track::particles::{effective, multiply, resample};
-use crate::track::{Estimate, Modes, MotionNoise, Observability, Separation, Status, Tracker};
+use crate::track::{Estimate, Modes, MotionNoise, Separation, Status, Tracker};
 use genealogy::Genealogy;
 use proposal::{Drawn, Prior, draw, free};
 
@@ -409,20 +409,11 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
         let dropped = if corrected || status == Status::Started { self.learn(&grasp) } else { 0 };
         let family = self.particles.iter().zip(&self.parents).map(|(p, parent)| (p.pose, *parent));
         self.genealogy.record(family);
-        let felt = grasp.felt_from(&pose);
         let estimate = Estimate {
-            grasp: self.grasps,
-            pose,
-            covariance,
-            status,
-            modes,
             effective_particles,
-            observability: Observability::of(felt),
-            contacts: contacts.min(usize::from(u16::MAX)) as u16,
-            rejected: (grasp.contacts.len() - contacts).min(usize::from(u16::MAX)) as u16,
             dropped,
-            corrected,
             resampled,
+            ..Estimate::after(self.grasps, &grasp, (pose, covariance), status, modes)
         };
         self.grasps = self.grasps.saturating_add(1);
         estimate
