@@ -9,8 +9,8 @@
 //! Levenberg–Marquardt iteration on the structure that [`arrow`] exploits and the evidence of what it
 //! finds, to which [`size`] belongs. [`explain`] and [`alias`] decide which contact lies on which face
 //! and at which of several look-alike poses a grasp was made, [`retrack`] builds a trajectory of its
-//! own, [`regular`](mod@regular) makes faces parallel or square, and [`surface`] does for curved objects
-//! what faces do for flat ones.
+//! own, [`regular`](mod@regular) makes faces parallel or square. [`surface`] does for curved objects what
+//! faces do for flat ones, from the tracker's trajectory or those that [`round`] finds.
 
 pub mod alias;
 pub mod arrow;
@@ -20,6 +20,7 @@ pub mod planes;
 pub mod problem;
 pub mod regular;
 pub mod retrack;
+pub mod round;
 pub mod size;
 pub mod solve;
 pub mod surface;
@@ -32,14 +33,19 @@ use crate::reference::Contact;
 use crate::slam::choose;
 use crate::slam::reconstruct::place;
 use crate::slam::track::Step;
+use crate::space::Pose;
+use problem::Problem;
 
 /// Grasps from which on poses are corrected. Of fewer, many sets of poses lay all contacts on a few
 /// faces, the fewest faces win, and what comes of it looks more certain than it is.
 const ENOUGH: usize = 8;
 
+/// Trajectories of a round body from which the smooth surface starts.
+const ROUND: usize = 2;
+
 /// The log's steps corrected by faces where the object that they make is to be believed
 /// ([`choose::judge`]), else by the smooth surface of least cost, whether it starts from the tracker's
-/// poses or from those of the faces. `None` where the tracker's poses stand.
+/// poses, from those of the faces or from those of a round body. `None` where the tracker's poses stand.
 pub fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
     if log.grasps.len() < ENOUGH {
         return None;
@@ -53,9 +59,24 @@ pub fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
     if flat.as_ref().is_some_and(believed) {
         return flat;
     }
-    let starts: Vec<&[Step]> =
-        std::iter::once(steps).chain(flat.as_ref().map(|f| &f.steps[..])).collect();
+    let round = round_bodies(log, steps.first());
+    let starts: Vec<&[Step]> = std::iter::once(steps)
+        .chain(flat.as_ref().map(|f| &f.steps[..]))
+        .chain(round.iter().map(|steps| &steps[..]))
+        .collect();
     surface::smooth(log, &starts).or(flat)
+}
+
+/// The likeliest trajectories of a round body, from the first step's pose.
+fn round_bodies(log: &GraspLog, first: Option<&Step>) -> Vec<Vec<Step>> {
+    let problem = Problem::new(log);
+    let first = first.map(|step| step.pose);
+    let found = match log.dimension {
+        2 => round::trajectories::<3>(&problem, first),
+        _ => round::trajectories::<6>(&problem, first),
+    };
+    let certain = |poses: Vec<Pose>| poses.into_iter().map(Step::certain).collect();
+    found.into_iter().take(ROUND).map(certain).collect()
 }
 
 #[cfg(test)]

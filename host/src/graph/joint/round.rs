@@ -1,0 +1,289 @@
+//! A round body as the map: poses and the body solved together, grasp by grasp.
+//!
+//! What hands hold is mostly a quadric (ball, ellipsoid, cylinder) with a few flat ends. Such a body has
+//! so few numbers that all poses and the body fit into one least-squares problem, as they do for faces,
+//! and so a trajectory can be found even where a tracker that learns the surface point by point is lost.
+//! Several hypotheses go from grasp to grasp, each solved as a whole, with flat ends that come and go by
+//! the Bayesian information criterion. What comes of it is a start for [`surface`](super::surface),
+//! whose process says whether the object is such a body at all.
+
+use nalgebra::Point3;
+use rayon::prelude::*;
+
+use super::problem::Problem;
+use super::tangent::{Face, Tangent, axes, local, retract};
+use crate::reference::{Contact, Prior};
+use crate::space::{Point, Pose};
+
+mod body;
+mod descent;
+#[cfg(test)]
+mod tests;
+
+use body::{Round, Side};
+use descent::{alone, descend};
+
+/// Most grasps and contacts: every grasp solves all before it again.
+const MOST: [usize; 2] = [48, 400];
+
+/// Hypotheses kept, and continuations taken of each.
+const KEPT: usize = 4;
+const CONTINUED: usize = 3;
+
+/// Steps of a whole hypothesis at every grasp, and at the end.
+const TOGETHER: usize = 6;
+const FINALLY: usize = 30;
+
+/// Hypotheses revised at the end, and how often at most.
+const REVISED: usize = 3;
+const ROUNDS: usize = 3;
+
+/// Flat ends tried for one hypothesis at a time, and how many one may have.
+const CUTS: usize = 3;
+const ENDS: usize = 6;
+
+/// Nats behind the best at which a hypothesis is given up.
+const HOPELESS: f64 = 30.0;
+
+/// Contacts that lie on a flat end before it is tried.
+const SUPPORT: usize = 2;
+
+/// A trajectory of the first grasps and the body it makes.
+#[derive(Clone, Debug)]
+struct Hypothesis {
+    poses: Vec<Pose>,
+    body: Round,
+    /// Centre and radius of the ball about the contacts, to which the body is drawn.
+    ball: (Point, f64),
+    /// Nats: contacts, motions, the pull to the ball, and the price of the body's numbers.
+    cost: f64,
+}
+
+/// The likeliest trajectories of an object that is a quadric with flat ends, best first, from the first
+/// pose if there is one; none for longer logs than would be quick, or where a number is not finite.
+pub fn trajectories<const D: usize>(problem: &Problem, first: Option<Pose>) -> Vec<Vec<Pose>> {
+    let most = [problem.grasps(), problem.felt.len()];
+    if most.iter().zip(MOST).any(|(have, most)| *have > most) || problem.of(0).is_empty() {
+        return Vec::new();
+    }
+    let Some(start) = begin(problem, first) else { return Vec::new() };
+    let mut kept = vec![start];
+    for grasp in 1..problem.grasps() {
+        let mut next: Vec<Hypothesis> = kept
+            .par_iter()
+            .flat_map_iter(|one| continued::<D>(problem, one, grasp))
+            .flat_map_iter(|one| simpler::<D>(problem, one))
+            .map(|one| with_ends::<D>(problem, one))
+            .collect();
+        best(&mut next);
+        kept = next;
+    }
+    kept.par_iter_mut().for_each(|one| descend::<D>(problem, one, FINALLY));
+    best(&mut kept);
+    kept.truncate(REVISED);
+    kept.par_iter_mut().for_each(|one| {
+        revise::<D>(problem, one);
+        descend::<D>(problem, one, FINALLY);
+    });
+    best(&mut kept);
+    kept.into_iter().map(|h| h.poses).collect()
+}
+
+/// The ball about the first grasp's contacts.
+fn begin(problem: &Problem, first: Option<Pose>) -> Option<Hypothesis> {
+    let pose = *problem.poses(&[first]).first()?;
+    let poses = vec![pose];
+    let ball = ball(problem, &poses)?;
+    let body = Round::ball(problem.dimension, &ball);
+    Some(Hypothesis { poses, body, ball, cost: f64::INFINITY })
+}
+
+fn ball(problem: &Problem, poses: &[Pose]) -> Option<(Point, f64)> {
+    let contacts: Vec<Contact> =
+        (0..problem.starts[poses.len()]).map(|i| problem.placed(poses, i)).collect();
+    match Prior::fitted(&contacts)? {
+        Prior::Ball { centre, radius } if radius.is_finite() && radius > 0.0 => {
+            Some((centre, radius))
+        }
+        _ => None,
+    }
+}
+
+/// The hypothesis with one grasp more, at each of the poses where it fits best.
+fn continued<const D: usize>(problem: &Problem, one: &Hypothesis, grasp: usize) -> Vec<Hypothesis> {
+    let motion = &problem.motions[grasp];
+    let Some(predicted) = one.poses.last().map(|last| motion.pose * last) else {
+        return Vec::new();
+    };
+    let middle = problem.middle(&one.poses);
+    let mut found: Vec<(f64, Pose)> = spread::<D>(&predicted, &middle, motion.deviations)
+        .into_iter()
+        .filter_map(|start| alone::<D>(problem, one, grasp, start))
+        .collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut apart: Vec<Pose> = Vec::new();
+    for (_, pose) in found {
+        if apart.len() < CONTINUED && !apart.iter().any(|other| same(other, &pose)) {
+            apart.push(pose);
+        }
+    }
+    let mut next = Vec::new();
+    for pose in apart {
+        let mut more = one.clone();
+        more.poses.push(pose);
+        if let Some(ball) = ball(problem, &more.poses) {
+            more.ball = ball;
+            descend::<D>(problem, &mut more, TOGETHER);
+            next.push(more);
+        }
+    }
+    next
+}
+
+/// Poses about the predicted one, as far apart as motions err: each axis turned and moved both ways,
+/// about the `middle` of what was felt.
+fn spread<const D: usize>(predicted: &Pose, middle: &Point, deviations: [f64; 2]) -> Vec<Pose> {
+    let middle = Point3::from(*middle);
+    let mut starts = vec![*predicted];
+    for axis in axes::<D>().into_iter().rev() {
+        for sign in [1.5, -1.5] {
+            let mut tangent = Tangent::zeros();
+            tangent[axis] = sign * deviations[usize::from(axis >= 3)];
+            let mut moved = retract(predicted, &tangent);
+            if axis >= 3 {
+                moved.translation.vector += predicted * middle - moved * middle;
+            }
+            starts.push(moved);
+        }
+    }
+    starts
+}
+
+/// Whether two poses are one answer.
+fn same(a: &Pose, b: &Pose) -> bool {
+    let off = local(a, b);
+    off.fixed_rows::<3>(0).norm() < 2e-3 && off.fixed_rows::<3>(3).norm() < 0.05
+}
+
+/// Leaves the likeliest few that differ in the last pose or in their flat ends.
+fn best(all: &mut Vec<Hypothesis>) {
+    all.retain(|h| h.cost.is_finite());
+    all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    let least = all.first().map_or(0.0, |h| h.cost);
+    let mut kept: Vec<Hypothesis> = Vec::new();
+    for one in all.drain(..) {
+        let known = |other: &Hypothesis| {
+            one.body.width(3) == other.body.width(3)
+                && one.poses.iter().zip(&other.poses).all(|(a, b)| same(a, b))
+        };
+        let rivals = kept.iter().filter(|k| k.body.is_cylinder() == one.body.is_cylinder());
+        if rivals.count() < KEPT && one.cost < least + HOPELESS && !kept.iter().any(known) {
+            kept.push(one);
+        }
+    }
+    *all = kept;
+}
+
+/// With every grasp at another pose where all of it is likelier so: what an early grasp meant may show
+/// only when the body is known.
+fn revise<const D: usize>(problem: &Problem, one: &mut Hypothesis) {
+    for _ in 0..ROUNDS {
+        let before = one.cost;
+        for grasp in 1..one.poses.len() {
+            let motion = &problem.motions[grasp];
+            let middle = problem.middle(&one.poses);
+            let predicted = motion.pose * one.poses[grasp - 1];
+            let other = spread::<D>(&predicted, &middle, motion.deviations)
+                .into_iter()
+                .chain(spread::<D>(&one.poses[grasp], &middle, motion.deviations))
+                .filter_map(|start| alone::<D>(problem, one, grasp, start))
+                .filter(|(_, pose)| !same(pose, &one.poses[grasp]))
+                .min_by(|a, b| a.0.total_cmp(&b.0));
+            let Some((_, pose)) = other else { continue };
+            let mut moved = one.clone();
+            moved.poses[grasp] = pose;
+            descend::<D>(problem, &mut moved, TOGETHER);
+            if moved.cost < one.cost {
+                *one = moved;
+            }
+        }
+        *one = with_ends::<D>(problem, one.clone());
+        if before - one.cost < 0.5 {
+            break;
+        }
+    }
+}
+
+/// The hypothesis and, in space, the one whose body is a round cylinder.
+fn simpler<const D: usize>(problem: &Problem, one: Hypothesis) -> Vec<Hypothesis> {
+    let bodies = if problem.dimension == 3 { one.body.cylinders() } else { Vec::new() };
+    let cylinders = bodies.into_iter().map(|body| {
+        let mut cylinder = Hypothesis { body, ..one.clone() };
+        descend::<D>(problem, &mut cylinder, TOGETHER);
+        cylinder
+    });
+    let best = cylinders.min_by(|a, b| a.cost.total_cmp(&b.cost));
+    best.into_iter().chain([one]).collect()
+}
+
+/// With the flat ends that pay for themselves, and without those that do not.
+fn with_ends<const D: usize>(problem: &Problem, mut one: Hypothesis) -> Hypothesis {
+    for at in (0..one.body.ends.len()).rev() {
+        let mut fewer = one.clone();
+        fewer.body.ends.remove(at);
+        descend::<D>(problem, &mut fewer, TOGETHER);
+        if fewer.cost <= one.cost {
+            one = fewer;
+        }
+    }
+    if one.body.ends.len() >= ENDS {
+        return one;
+    }
+    let tried = candidates(problem, &one).into_iter().map(|end| {
+        let mut more = one.clone();
+        more.body.ends.push(end);
+        descend::<D>(problem, &mut more, TOGETHER);
+        more
+    });
+    match tried.min_by(|a, b| a.cost.total_cmp(&b.cost)) {
+        Some(more) if more.cost < one.cost => more,
+        _ => one,
+    }
+}
+
+/// Planes through contacts that others lie on too and the body does not have, most supported first.
+fn candidates(problem: &Problem, one: &Hypothesis) -> Vec<Face> {
+    let placed: Vec<Contact> =
+        (0..problem.starts[one.poses.len()]).map(|i| problem.placed(&one.poses, i)).collect();
+    let mut planes: Vec<(usize, Face)> = Vec::new();
+    for contact in &placed {
+        let Some(normal) = contact.normal else { continue };
+        let face = Face { normal, offset: normal.dot(&contact.point) };
+        let lies = |other: &&Contact| {
+            face.value(&other.point).abs() < 3.0 * other.point_deviation
+                && other.normal.is_some_and(|n| (n - normal).norm() < 3.0 * other.normal_deviation)
+        };
+        let support = placed.iter().filter(lies).count();
+        let alike = |f: &Face| {
+            f.normal.dot(&normal) > 0.95 && (f.offset - face.offset).abs() < 0.1 * one.ball.1
+        };
+        if support < SUPPORT || one.body.ends.iter().any(alike) {
+            continue;
+        }
+        let face = match one.body.side {
+            Side::Quadric(_) => face,
+            Side::Cylinder(axis, _) if normal.dot(&axis).abs() > 0.9 => {
+                let normal = axis * normal.dot(&axis).signum();
+                Face { normal, offset: normal.dot(&contact.point) }
+            }
+            Side::Cylinder(..) => continue,
+        };
+        match planes.iter_mut().find(|(_, f)| alike(f)) {
+            Some(known) if known.0 < support => *known = (support, face),
+            Some(_) => {}
+            None => planes.push((support, face)),
+        }
+    }
+    planes.sort_by(|a, b| b.0.cmp(&a.0));
+    planes.into_iter().take(CUTS).map(|(_, face)| face).collect()
+}

@@ -1,0 +1,210 @@
+//! Quadrics and cylinders between flat ends, by few numbers.
+
+use nalgebra::{DVector, Matrix3, SymmetricEigen, Vector4};
+
+use crate::graph::joint::tangent::Face;
+use crate::reference::Contact;
+use crate::reference::body::{Part, Quadric};
+use crate::space::Point;
+
+/// What no body fits exactly: deviations added to the contacts', of the point in radii of the object
+/// and of the normal in radians.
+const MISFIT: [f64; 2] = [0.003, 0.01];
+
+/// Standard deviation of the sides' numbers before any contact, in radii and inverse radii of the ball
+/// about the contacts.
+pub(super) const SHAPE: f64 = 0.7;
+
+/// (p − c)ᵀ R Rᵀ (p − c) ≤ 1 between flat ends, object frame.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Round {
+    pub centre: Point,
+    pub side: Side,
+    pub ends: Vec<Face>,
+}
+
+/// What is between the ends.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Side {
+    /// Any quadric: the lower triangle R, 1/m.
+    Quadric(Matrix3<f64>),
+    /// A round cylinder, its ends square to the axis: unit axis, and radius, metres.
+    Cylinder(Point, f64),
+}
+
+/// The root of a ball of radius 1.
+fn usual(dimension: usize) -> Matrix3<f64> {
+    Matrix3::from_fn(|r, c| if r == c && r < dimension { 1.0 } else { 0.0 })
+}
+
+impl Round {
+    /// The ball of this centre and radius.
+    pub fn ball(dimension: usize, (centre, radius): &(Point, f64)) -> Round {
+        let side = Side::Quadric(usual(dimension) / *radius);
+        Round { centre: *centre, side, ends: Vec::new() }
+    }
+
+    /// How many numbers the sides have, and each end.
+    pub fn numbers(&self, dimension: usize) -> (usize, usize) {
+        match self.side {
+            Side::Quadric(_) => (dimension * (dimension + 3) / 2, dimension),
+            Side::Cylinder(..) => (6, 1),
+        }
+    }
+
+    pub fn width(&self, dimension: usize) -> usize {
+        let (sides, end) = self.numbers(dimension);
+        sides + end * self.ends.len()
+    }
+
+    pub fn is_cylinder(&self) -> bool {
+        matches!(self.side, Side::Cylinder(..))
+    }
+
+    /// How many of the numbers mean something: along its axis a cylinder has no place.
+    pub fn freedom(&self, dimension: usize) -> usize {
+        self.width(dimension) - usize::from(self.is_cylinder())
+    }
+
+    /// The body with its numbers changed, in radii: centre, root or axis and radius, then turns and
+    /// offset of every end.
+    pub fn nudged(&self, dimension: usize, radius: f64, by: &DVector<f64>) -> Round {
+        let mut body = self.clone();
+        let mut at = 0;
+        let mut next = || {
+            at += 1;
+            by[at - 1]
+        };
+        for axis in 0..dimension {
+            body.centre[axis] += radius * next();
+        }
+        match &mut body.side {
+            Side::Quadric(root) => {
+                for row in 0..dimension {
+                    for column in 0..=row {
+                        root[(row, column)] += next() / radius;
+                    }
+                }
+                for end in &mut body.ends {
+                    let tangents = end.tangents(dimension);
+                    let mut normal = end.normal;
+                    for tangent in tangents.iter().take(dimension - 1) {
+                        normal += tangent * next();
+                    }
+                    end.normal = normal.try_normalize(1e-9).unwrap_or(end.normal);
+                    end.offset += radius * next();
+                }
+            }
+            Side::Cylinder(axis, r) => {
+                let tangents = Face { normal: *axis, offset: 0.0 }.tangents(3);
+                let turned = *axis + tangents[0] * next() + tangents[1] * next();
+                let turned = turned.try_normalize(1e-9).unwrap_or(*axis);
+                *r *= next().clamp(-1.0, 1.0).exp();
+                for end in &mut body.ends {
+                    let away = end.offset - end.normal.dot(&self.centre);
+                    end.normal = turned * end.normal.dot(axis).signum();
+                    end.offset = away + radius * next() + end.normal.dot(&body.centre);
+                }
+                *axis = turned;
+            }
+        }
+        body
+    }
+
+    /// What the numbers of the sides differ by from those of the ball, in deviations; zero for the rest.
+    pub fn oddity(&self, dimension: usize, ball: &(Point, f64)) -> DVector<f64> {
+        let mut all = DVector::zeros(self.width(dimension));
+        let usual = usual(dimension);
+        for axis in 0..dimension {
+            all[axis] = (self.centre[axis] - ball.0[axis]) / (ball.1 * SHAPE);
+        }
+        match &self.side {
+            Side::Quadric(root) => {
+                let mut at = dimension;
+                for row in 0..dimension {
+                    for column in 0..=row {
+                        all[at] = (root[(row, column)] * ball.1 - usual[(row, column)]) / SHAPE;
+                        at += 1;
+                    }
+                }
+            }
+            Side::Cylinder(_, r) => all[5] = (r / ball.1).ln() / SHAPE,
+        }
+        all
+    }
+
+    /// Whether a number is drawn to the ball's.
+    pub fn is_drawn(&self, dimension: usize, number: usize) -> bool {
+        match self.side {
+            Side::Quadric(_) => number < self.numbers(dimension).0,
+            Side::Cylinder(..) => number < 3 || number == 5,
+        }
+    }
+
+    /// The body of an object of this radius, ready to be asked; `None` where its numbers are none of a
+    /// body.
+    pub fn field(&self, radius: f64) -> Option<Field<'_>> {
+        let form = match &self.side {
+            Side::Quadric(root) => root * root.transpose(),
+            Side::Cylinder(axis, r) => (Matrix3::identity() - axis * axis.transpose()) / (r * r),
+        };
+        let sides = Part::Quadric(Quadric::new(self.centre, form)?);
+        Some(Field { sides, ends: &self.ends, misfit: MISFIT[0] * radius })
+    }
+
+    /// The round cylinders that are most like it.
+    pub fn cylinders(&self) -> Vec<Round> {
+        let Side::Quadric(root) = &self.side else { return Vec::new() };
+        let split = SymmetricEigen::new(root * root.transpose());
+        let cylinder = |along: usize| {
+            let axis: Point = split.eigenvectors.column(along).into_owned();
+            let across: f64 = (0..3).filter(|i| *i != along).map(|i| split.eigenvalues[i]).sum();
+            let radius = (0.5 * across).sqrt().recip();
+            let ends = self.ends.iter().filter(|e| e.normal.dot(&axis).abs() > 0.9).map(|e| {
+                let normal = axis * e.normal.dot(&axis).signum();
+                let foot = self.centre + e.normal * (e.offset - e.normal.dot(&self.centre));
+                Face { normal, offset: normal.dot(&foot) }
+            });
+            let body = Round {
+                centre: self.centre,
+                side: Side::Cylinder(axis, radius),
+                ends: ends.collect(),
+            };
+            (radius.is_finite() && axis.norm() > 0.5).then_some(body)
+        };
+        (0..3).filter_map(cylinder).collect()
+    }
+}
+
+/// A body ready to be asked.
+pub(super) struct Field<'a> {
+    sides: Part,
+    ends: &'a [Face],
+    /// Metres: what is added to the deviation of points.
+    misfit: f64,
+}
+
+impl Field<'_> {
+    /// Distance of a contact (object frame) from the body's surface and the difference of its normal
+    /// from that of the part it suits best, in deviations.
+    pub fn residual(&self, contact: &Contact) -> Vector4<f64> {
+        let exact = contact.point_deviation.hypot(self.misfit).recip();
+        let turned = contact.normal_deviation.hypot(MISFIT[1]).recip();
+        let sides = self.sides.at(&contact.point);
+        let ends = self.ends.iter().map(|end| (end.value(&contact.point), end.normal));
+        let (mut most, mut least, mut off) = (f64::NEG_INFINITY, f64::INFINITY, Point::zeros());
+        for (value, slope) in std::iter::once(sides).chain(ends) {
+            most = most.max(value);
+            let Some(normal) = contact.normal else { continue };
+            let apart = slope - normal;
+            let cost = (exact * value).powi(2) + apart.norm_squared() * turned * turned;
+            if cost < least {
+                (least, off) = (cost, apart);
+            }
+        }
+        let mut residual = Vector4::zeros();
+        residual[0] = most * exact;
+        residual.fixed_rows_mut::<3>(1).copy_from(&(off * turned));
+        residual
+    }
+}

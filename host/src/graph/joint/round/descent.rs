@@ -1,0 +1,280 @@
+//! From a hypothesis to the likeliest one near it: one pose alone, or all poses and the body together.
+
+use nalgebra::{Cholesky, Const, DVector, Dyn, OMatrix, SMatrix, SVector, Vector4};
+
+use super::Hypothesis;
+use super::body::{Field, Round, SHAPE};
+use crate::graph::joint::arrow::{Arrow, Row};
+use crate::graph::joint::factors;
+use crate::graph::joint::problem::Problem;
+use crate::graph::joint::tangent::{Tangent, axes, retract};
+use crate::reference::Contact;
+use crate::space::{Point, Pose};
+
+/// Steps of one pose alone.
+const ALONE: usize = 8;
+
+/// Difference of a number for its slope, in metres, radians or parts of a radius.
+const NUDGE: f64 = 1e-6;
+
+/// A contact's cost and the weights of its distance and its normal.
+fn robust(problem: &Problem, residual: &Vector4<f64>) -> (f64, [f64; 2]) {
+    let off = problem.kernel.cost(residual[0].powi(2));
+    let turned = problem.kernel.cost(residual.fixed_rows::<3>(1).norm_squared());
+    (off.0 + turned.0, [off.1.sqrt(), turned.1.sqrt()])
+}
+
+fn weighted<const C: usize>(mut rows: SMatrix<f64, 4, C>, weights: [f64; 2]) -> SMatrix<f64, 4, C> {
+    for r in 0..4 {
+        rows.row_mut(r).scale_mut(weights[usize::from(r > 0)]);
+    }
+    rows
+}
+
+/// Residual of a contact by the tangent of its pose.
+fn by_pose<const D: usize>(
+    field: &Field<'_>,
+    felt: &Contact,
+    pose: &Pose,
+    at: &Vector4<f64>,
+) -> SMatrix<f64, 4, D> {
+    let mut rows = SMatrix::<f64, 4, D>::zeros();
+    for (column, axis) in axes::<D>().into_iter().enumerate() {
+        let mut tangent = Tangent::zeros();
+        tangent[axis] = NUDGE;
+        let moved = felt.transformed(&retract(pose, &tangent).inverse());
+        rows.set_column(column, &((field.residual(&moved) - at) / NUDGE));
+    }
+    rows
+}
+
+/// One grasp's pose while the body and all other poses stay.
+struct Alone<'a> {
+    problem: &'a Problem,
+    field: Field<'a>,
+    grasp: usize,
+    before: &'a Pose,
+    after: Option<&'a Pose>,
+    /// What slips turn about, object frame.
+    centre: Point,
+}
+
+impl Alone<'_> {
+    /// The motions to the pose and from it, and whether each goes to it.
+    fn motions(&self, pose: &Pose) -> impl Iterator<Item = (factors::Step, bool)> {
+        let step = |k: usize, from: &Pose, to: &Pose| {
+            let motion = &self.problem.motions[k];
+            factors::step(from, to, &motion.pose, motion.deviations, &self.centre)
+        };
+        let to = (step(self.grasp, self.before, pose), true);
+        let from = self.after.map(|after| (step(self.grasp + 1, pose, after), false));
+        std::iter::once(to).chain(from)
+    }
+
+    fn cost(&self, pose: &Pose) -> f64 {
+        let inverse = pose.inverse();
+        let contact = |i: usize| {
+            let placed = self.problem.felt[i].contact.transformed(&inverse);
+            robust(self.problem, &self.field.residual(&placed)).0
+        };
+        let motion = |(step, _): (factors::Step, bool)| {
+            self.problem.slip.cost(step.residual.norm_squared()).0
+        };
+        self.problem.of(self.grasp).map(contact).sum::<f64>()
+            + self.motions(pose).map(motion).sum::<f64>()
+    }
+
+    /// JᵀJ and Jᵀr.
+    fn linearised<const D: usize>(&self, pose: &Pose) -> (SMatrix<f64, D, D>, SVector<f64, D>) {
+        let (mut square, mut slope) = (SMatrix::zeros(), SVector::zeros());
+        let (inverse, chosen) = (pose.inverse(), axes::<D>());
+        for i in self.problem.of(self.grasp) {
+            let felt = &self.problem.felt[i].contact;
+            let residual = self.field.residual(&felt.transformed(&inverse));
+            let weights = robust(self.problem, &residual).1;
+            let rows = weighted(by_pose::<D>(&self.field, felt, pose, &residual), weights);
+            square += rows.tr_mul(&rows);
+            slope += rows.tr_mul(&weighted(residual, weights));
+        }
+        for (step, is_to) in self.motions(pose) {
+            let weight = self.problem.slip.cost(step.residual.norm_squared()).1;
+            let by = if is_to { &step.by_after } else { &step.by_before };
+            let rows = SMatrix::<f64, 6, D>::from_fn(|r, c| by[(r, chosen[c])]);
+            square += rows.tr_mul(&rows) * weight;
+            slope += rows.tr_mul(&step.residual) * weight;
+        }
+        (square, slope)
+    }
+}
+
+/// A grasp's pose of least cost from `start` on, the body and all other poses as they are; with its
+/// cost. The grasp may be the one after the hypothesis' last.
+pub(super) fn alone<const D: usize>(
+    problem: &Problem,
+    one: &Hypothesis,
+    grasp: usize,
+    start: Pose,
+) -> Option<(f64, Pose)> {
+    let fit = Alone {
+        problem,
+        field: one.body.field(one.ball.1)?,
+        grasp,
+        before: one.poses.get(grasp.checked_sub(1)?)?,
+        after: one.poses.get(grasp + 1),
+        centre: problem.middle(&one.poses),
+    };
+    let (mut pose, mut cost, mut damping) = (start, fit.cost(&start), 1e-3);
+    for _ in 0..ALONE {
+        let (square, slope) = fit.linearised::<D>(&pose);
+        let mut gained = 0.0;
+        for _ in 0..4 {
+            let mut damped = square;
+            for i in 0..D {
+                damped[(i, i)] *= 1.0 + damping;
+            }
+            let moved = displaced(&pose, &-Cholesky::new(damped)?.solve(&slope));
+            let lower = fit.cost(&moved);
+            if lower < cost {
+                gained = cost - lower;
+                (pose, cost) = (moved, lower);
+                damping = (0.1 * damping).max(1e-9);
+                break;
+            }
+            damping *= 10.0;
+        }
+        if gained < 1e-2 {
+            break;
+        }
+    }
+    cost.is_finite().then_some((cost, pose))
+}
+
+/// The pose displaced by `D` numbers of a tangent.
+fn displaced<const D: usize>(pose: &Pose, step: &SVector<f64, D>) -> Pose {
+    let mut tangent = Tangent::zeros();
+    for (i, axis) in axes::<D>().into_iter().enumerate() {
+        tangent[axis] = step[i];
+    }
+    retract(pose, &tangent)
+}
+
+/// What a hypothesis costs at these poses and with this body.
+fn cost(problem: &Problem, poses: &[Pose], body: &Round, ball: &(Point, f64)) -> Option<f64> {
+    let field = body.field(ball.1)?;
+    let inverses: Vec<Pose> = poses.iter().map(Pose::inverse).collect();
+    let count = problem.starts[poses.len()];
+    let contacts: f64 = problem.felt[..count]
+        .iter()
+        .map(|felt| {
+            let placed = felt.contact.transformed(&inverses[felt.grasp]);
+            robust(problem, &field.residual(&placed)).0
+        })
+        .sum();
+    let centre = problem.middle(poses);
+    let motions: f64 = (1..poses.len())
+        .map(|k| {
+            let motion = &problem.motions[k];
+            let step =
+                factors::step(&poses[k - 1], &poses[k], &motion.pose, motion.deviations, &centre);
+            problem.slip.cost(step.residual.norm_squared()).0
+        })
+        .sum();
+    let numbers = (count * problem.dimension).max(2) as f64;
+    let price = 0.5 * body.freedom(problem.dimension) as f64 * numbers.ln();
+    let total =
+        contacts + motions + 0.5 * body.oddity(problem.dimension, ball).norm_squared() + price;
+    total.is_finite().then_some(total)
+}
+
+/// Poses and body of least cost, by Levenberg–Marquardt.
+pub(super) fn descend<const D: usize>(problem: &Problem, one: &mut Hypothesis, steps: usize) {
+    let Some(mut least) = cost(problem, &one.poses, &one.body, &one.ball) else {
+        one.cost = f64::INFINITY;
+        return;
+    };
+    let mut damping = 1e-3;
+    for _ in 0..steps {
+        let Some(arrow) = linearise::<D>(problem, one) else { break };
+        let mut gained = 0.0;
+        for _ in 0..5 {
+            let tried = arrow.factor(damping).and_then(|factor| {
+                let (turns, numbers) = factor.step(&arrow)?;
+                let body = one.body.nudged(problem.dimension, one.ball.1, &numbers);
+                let mut poses = one.poses.clone();
+                for (pose, step) in poses.iter_mut().skip(1).zip(&turns) {
+                    *pose = displaced(pose, step);
+                }
+                let lower = cost(problem, &poses, &body, &one.ball)?;
+                (lower < least).then_some((lower, poses, body))
+            });
+            if let Some((lower, poses, body)) = tried {
+                gained = least - lower;
+                (least, one.poses, one.body) = (lower, poses, body);
+                damping = (0.2 * damping).max(1e-9);
+                break;
+            }
+            damping *= 8.0;
+        }
+        if gained < 1e-2 {
+            break;
+        }
+    }
+    one.cost = least;
+}
+
+fn linearise<const D: usize>(problem: &Problem, one: &Hypothesis) -> Option<Arrow<D>> {
+    let (dimension, radius) = (problem.dimension, one.ball.1);
+    let width = one.body.width(dimension);
+    let mut arrow = Arrow::<D>::zeros(one.poses.len() - 1, width);
+    let field = one.body.field(one.ball.1)?;
+    let nudged: Vec<Round> = (0..width)
+        .map(|j| {
+            let mut by = DVector::zeros(width);
+            by[j] = NUDGE;
+            one.body.nudged(dimension, radius, &by)
+        })
+        .collect();
+    let fields: Vec<Field<'_>> =
+        nudged.iter().map(|body| body.field(radius)).collect::<Option<_>>()?;
+    for felt in &problem.felt[..problem.starts[one.poses.len()]] {
+        let pose = &one.poses[felt.grasp];
+        let placed = felt.contact.transformed(&pose.inverse());
+        let residual = field.residual(&placed);
+        let weights = robust(problem, &residual).1;
+        let mut by_body = OMatrix::<f64, Const<4>, Dyn>::zeros(width);
+        for (j, other) in fields.iter().enumerate() {
+            by_body.set_column(j, &weighted((other.residual(&placed) - residual) / NUDGE, weights));
+        }
+        let target = weighted(residual, weights);
+        arrow.corner.gemm_tr(1.0, &by_body, &by_body, 1.0);
+        arrow.rest.gemv_tr(1.0, &by_body, &target, 1.0);
+        if felt.grasp > 0 {
+            let k = felt.grasp - 1;
+            let rows = weighted(by_pose::<D>(&field, &felt.contact, pose, &residual), weights);
+            arrow.diagonal[k] += rows.tr_mul(&rows);
+            arrow.chain[k] += rows.tr_mul(&target);
+            let coupled: Row<D> = rows.transpose() * &by_body;
+            arrow.border[k] += coupled;
+        }
+    }
+    let oddity = one.body.oddity(dimension, &one.ball);
+    for j in 0..width {
+        // What nobody feels may change as it likes, slowly.
+        arrow.corner[(j, j)] += if one.body.is_drawn(dimension, j) { SHAPE.powi(-2) } else { 1.0 };
+        arrow.rest[j] += oddity[j] / SHAPE;
+    }
+    let centre = problem.middle(&one.poses);
+    for k in 1..one.poses.len() {
+        let motion = &problem.motions[k];
+        let step = factors::step(
+            &one.poses[k - 1],
+            &one.poses[k],
+            &motion.pose,
+            motion.deviations,
+            &centre,
+        );
+        let weight = problem.slip.cost(step.residual.norm_squared()).1;
+        arrow.add_step(k, &step, weight);
+    }
+    Some(arrow)
+}
