@@ -367,15 +367,16 @@ fn is_lost(steps: &[Step]) -> bool {
 }
 
 /// The first action. An articulated hand delimits the object by probing (thesis figure 4.2), all guarded
-/// moves together counted as one action. The idealised hand grasps: any candidate about the world's origin,
-/// again until something is felt; closings that felt nothing stay in the log.
+/// moves together counted as one action. The idealised hand, of which nothing can be in the object's way,
+/// opens as wide as it can and closes about the middle of the workspace, from any side, again until
+/// something is felt; closings that felt nothing stay in the log. Nothing is known of the object's size.
 fn first(
     bench: &mut Bench,
     poses: &mut Poses,
     settings: &Settings,
     random: &mut Random,
 ) -> Result<(Placement, usize), Error> {
-    let (dimension, radius) = (bench.log().dimension, bench.radius());
+    let dimension = bench.log().dimension;
     if matches!(bench.hand(), Hand::Articulated(_)) {
         let probe = bench.probe()?;
         let contacts = probe.touches().count();
@@ -389,11 +390,10 @@ fn first(
                 ten[((random.unit() * ten.len() as f64) as usize).min(ten.len() - 1)]
             }
             Candidates::Continuous(_) | Candidates::Clusters(_) => {
-                drawn(dimension, &Point::zeros(), radius, random)
+                drawn(dimension, &Point::zeros(), 0.0, random)
             }
         };
-        let strokes = placement.strokes(dimension, 2.0 * radius);
-        let contacts = bench.close(&placement.hand, &strokes);
+        let contacts = bench.close(&placement.hand, &placement.strokes(dimension, 0.0));
         if contacts > 0 {
             // In the object frame, which a tracker puts at the middle of the contacts.
             let steps = poses.after(bench.log());
