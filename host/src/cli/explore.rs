@@ -98,7 +98,7 @@ pub struct ExploreArgs {
     #[arg(long, value_enum, default_value_t = Kind::Hypotheses, requires = "moving")]
     tracker: Kind,
     /// What corrects all poses together, after the tracker
-    #[arg(long, value_enum, default_value_t = graph::Kind::None, requires = "moving")]
+    #[arg(long, value_enum, default_value_t = graph::Kind::Planes, requires = "moving")]
     graph: graph::Kind,
     /// Let a board choose, by what it makes of the grasps itself: qemu, virtual or tcp:HOST:PORT as in
     /// live. It chooses among at most 16 candidates (--candidates fixed, or --count 16), by information

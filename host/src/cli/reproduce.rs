@@ -82,7 +82,8 @@ struct PartArgs {
     /// too; of table-4.3 and solids-moving: this one instead of those that suit the objects
     #[arg(long, value_name = "TRACKER")]
     tracker: Vec<Contender>,
-    /// Of tracking and mujoco: what corrects the trackers' poses afterwards [default: none]
+    /// Of tracking, mujoco and table-4.3: what corrects the trackers' poses afterwards [default: none, of
+    /// table-4.3 planes]
     #[arg(long, value_enum)]
     graph: Option<graph::Kind>,
     /// Of tracking: which part of the contacts is wild [default: 0]
@@ -133,7 +134,7 @@ impl PartArgs {
             SOLIDS[1],
             PLANNING,
         ];
-        const CORRECTED: &[&str] = &[TRACKING, MUJOCO];
+        const CORRECTED: &[&str] = &[TRACKING, MUJOCO, EXPLORATION[1]];
         let options: [(_, &'static [&'static str], bool); 11] = [
             ("--object", ALL, !self.object.is_empty()),
             ("--first-seed", COMPARISONS, self.first_seed.is_some()),
@@ -389,7 +390,7 @@ fn count_actions(args: &ReproduceArgs) -> Result<(), Error> {
     };
     let first = args.part.first_seed.unwrap_or(0);
     let seeds = first..first.saturating_add(args.seeds());
-    let PartArgs { object, tracker, criterion, candidates, until, .. } = &args.part;
+    let PartArgs { object, tracker, graph, criterion, candidates, until, .. } = &args.part;
     let ours = |contender: &Contender| match contender {
         Contender::Tracker(kind) => Ok(*kind),
         _ => Err(Error::input(format!("--tracker: {name} takes one of ours"))),
@@ -397,6 +398,7 @@ fn count_actions(args: &ReproduceArgs) -> Result<(), Error> {
     let selection = exploration::Selection {
         objects: object.clone(),
         trackers: tracker.iter().map(ours).collect::<Result<_, _>>()?,
+        graph: *graph,
         criteria: criterion.clone(),
         among: candidates.clone(),
         goals: until.clone(),

@@ -47,6 +47,8 @@ pub struct Row {
     pub object: String,
     /// Who followed it; `None` where it stayed where it was.
     pub tracker: Option<&'static str>,
+    /// What corrected the poses afterwards; `None` where nothing did.
+    pub graph: Option<&'static str>,
     /// What decided.
     pub criterion: String,
     /// Among what.
@@ -167,6 +169,11 @@ fn row(case: &Case, seeds: Range<u64>) -> Row {
     Row {
         object: case.object.to_string(),
         tracker: case.tracker.map(Kind::name),
+        graph: match case.graph {
+            graph::Kind::Planes => Some("planes"),
+            graph::Kind::Pairwise => Some("pairwise"),
+            graph::Kind::None => None,
+        },
         criterion: case
             .criterion
             .to_possible_value()
@@ -211,7 +218,7 @@ fn episode(case: &Case, seed: u64) -> Option<Episode> {
         candidates: case.among.candidates(),
         planning: Planning::default(),
         tracker: case.tracker,
-        graph: graph::Kind::None,
+        graph: case.graph,
         until: case.goal.until,
         pose: case.goal.pose.then_some(POSE),
         most_actions: MOST_ACTIONS,
@@ -223,7 +230,7 @@ fn episode(case: &Case, seed: u64) -> Option<Episode> {
 /// The head of the table.
 pub fn heading() -> String {
     format!(
-        "  {:<24}{:<12}{:<14}{:<12}{:<14}{:>13}{:>7}  {:<17}{:<17}{:>10}{:>10}{:>6}{:>9}{:>8}{:>10}{:>7}",
+        "  {:<24}{:<20}{:<14}{:<12}{:<14}{:>13}{:>7}  {:<17}{:<17}{:>10}{:>10}{:>6}{:>9}{:>8}{:>10}{:>7}",
         "object",
         "tracker",
         "criterion",
@@ -254,9 +261,14 @@ impl fmt::Display for Row {
         let [missed, lost, other] = self.failures;
         write!(
             f,
-            "  {:<24}{:<12}{:<14}{:<12}{:<14}{:>6.1} ± {:<4.1}{:>7.1}  {:<17}{:<17}{:>10}{:>10}{:>6}{:>9}{:>8.1}{:>10.1}{:>5.0} s",
+            "  {:<24}{:<20}{:<14}{:<12}{:<14}{:>6.1} ± {:<4.1}{:>7.1}  {:<17}{:<17}{:>10}{:>10}{:>6}{:>9}{:>8.1}{:>10.1}{:>5.0} s",
             self.object,
-            self.tracker.unwrap_or("–"),
+            [
+                self.tracker.unwrap_or("–"),
+                self.graph.map_or("", |_| ", "),
+                self.graph.unwrap_or("")
+            ]
+            .concat(),
             self.criterion,
             self.candidates,
             self.until,
@@ -290,7 +302,7 @@ impl fmt::Display for Table {
              until: strict is a standard deviation and a true error of at most 1.8 mm on 90 % of the true \
              surface, lenient 2.5 mm and 3 mm; +pose: and by the explorer's own account the pose within 3 mm \
              and 3° with 95 %\n  \
-             tracker: who followed what moved; what moved is judged after the best rigid alignment, whose size is drift (median mm, °), by \
+             tracker: who followed what moved, and what corrected its poses; what moved is judged after the best rigid alignment, whose size is drift (median mm, °), by \
              deviations that hold how contacts lie beside each other and not where all of them are; \
              2σ: share of what is called known that is within two of its deviations\n  \
              pose right: runs that got there with a last pose within 3 mm and 3°, of all; pose: its median \

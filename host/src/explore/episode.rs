@@ -15,6 +15,7 @@ use super::criterion::Criterion;
 use super::localization;
 use super::placement::{Placement, drawn, fixed};
 use super::planning::Planning;
+use super::poses::{Poses, is_lost};
 use crate::graph;
 use crate::link::SessionError;
 use crate::log::GraspLog;
@@ -24,7 +25,7 @@ use crate::sim::random::Random;
 use crate::sim::{Bench, Hand};
 use crate::slam::gauge::gauge;
 use crate::slam::reconstruct;
-use crate::slam::track::{Follower, Step};
+use crate::slam::track::Step;
 use crate::slam::trackers::Kind;
 use crate::space::{Point, Pose};
 
@@ -333,37 +334,6 @@ fn run(
         next = Action { gain, choosing, refused, ..Action::new(placement, contacts) };
         before = Some(belief);
     }
-}
-
-/// The poses of all grasps as they are known now.
-struct Poses {
-    tracker: Option<Follower>,
-    graph: graph::Kind,
-    taken: usize,
-}
-
-impl Poses {
-    fn new(log: &GraspLog, settings: &Settings) -> Poses {
-        let tracker = settings.tracker.map(|kind| kind.start(log, settings.seed));
-        Poses { tracker, graph: settings.graph, taken: 0 }
-    }
-
-    /// Takes the grasps that are new in the log.
-    fn after(&mut self, log: &GraspLog) -> Vec<Step> {
-        let Some(tracker) = &mut self.tracker else {
-            return vec![Step::certain(Pose::identity()); log.grasps.len()];
-        };
-        for grasp in log.grasps.iter().skip(self.taken) {
-            tracker.take(grasp, &log.noise);
-        }
-        self.taken = log.grasps.len();
-        let steps = tracker.steps();
-        self.graph.correct(log, &steps).map_or(steps, |corrected| corrected.steps)
-    }
-}
-
-fn is_lost(steps: &[Step]) -> bool {
-    steps.last().is_some_and(|s| s.status == Status::Lost)
 }
 
 /// The first action. An articulated hand delimits the object by probing (thesis figure 4.2), all guarded

@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use super::TableOf;
 use crate::explore::{Candidates, Criterion, Until};
+use crate::graph;
 use crate::sim::{ObjectError, ObjectSpec};
 use crate::slam::trackers::Kind;
 
@@ -101,6 +102,9 @@ pub struct Selection {
     /// Who follows what moves; otherwise whoever suits the object, and for the rectangle the thesis'
     /// particle filter besides.
     pub trackers: Vec<Kind>,
+    /// What corrects the tracker's poses; otherwise the joint graph, and nothing after the thesis'
+    /// filter.
+    pub graph: Option<graph::Kind>,
     /// What decides, of all criteria there are.
     pub criteria: Vec<Criterion>,
     /// Among what.
@@ -114,6 +118,7 @@ pub struct Selection {
 pub(super) struct Case {
     pub object: ObjectSpec,
     pub tracker: Option<Kind>,
+    pub graph: graph::Kind,
     pub criterion: Criterion,
     pub among: Among,
     pub goal: Goal,
@@ -147,12 +152,16 @@ pub(super) fn cases(of: TableOf, selection: &Selection) -> Result<Vec<Case>, Obj
                 false => vec![None],
             };
             for &tracker in &trackers {
+                let graph = selection.graph.unwrap_or(match tracker {
+                    None | Some(Kind::Bootstrap) => graph::Kind::None,
+                    Some(_) => graph::Kind::Planes,
+                });
                 for goal in goals(usual) {
                     for among in among(ways) {
                         for criterion in or(&selection.criteria, criteria) {
                             if (criterion, among) != (NoRepeat, Among::Continuous) {
                                 let object = object.clone();
-                                cases.push(Case { object, tracker, criterion, among, goal });
+                                cases.push(Case { object, tracker, graph, criterion, among, goal });
                             }
                         }
                     }
@@ -249,6 +258,11 @@ mod tests {
         let theirs: Vec<_> = all.iter().filter(|c| c.tracker == Some(Kind::Bootstrap)).collect();
         assert_eq!(theirs.len(), 6);
         assert!(theirs.iter().all(|c| c.among == Among::Fixed && !c.goal.pose));
+        assert!(theirs.iter().all(|c| c.graph == graph::Kind::None));
+        let plain = Selection { graph: Some(graph::Kind::None), ..Selection::default() };
+        assert!(
+            cases(TableOf::Moving, &plain).unwrap().iter().all(|c| c.graph == graph::Kind::None)
+        );
         for text in ["strictly", "+pose", "pose", "", "strict+", "gain:1"] {
             assert!(text.parse::<Goal>().unwrap_err().contains("strict+pose"), "{text}");
         }
