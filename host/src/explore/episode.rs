@@ -59,7 +59,8 @@ pub struct Settings {
     pub planning: Planning,
     /// Who follows the object; `None` where it is known to stay where it is.
     pub tracker: Option<Kind>,
-    /// What corrects the poses after the tracker.
+    /// What corrects the poses after the tracker. [`graph::Kind::Planes`] does so from the third grasp on
+    /// where all that was felt lies on flat faces.
     pub graph: graph::Kind,
     /// When enough of the shape is known.
     pub until: Until,

@@ -128,11 +128,17 @@ mod tests {
 
     #[test]
     fn what_is_curved_or_hardly_felt_stays_with_the_tracker() {
-        for (object, grasps) in [("rectangle:0.1x0.06", 2), ("ellipse:0.1x0.06", 4)] {
-            let simulation = simulation(object, grasps, 1001);
-            let steps = trackers::Kind::Hypotheses.follow(&simulation.log, 0);
-            assert_eq!(corrected(Kind::Planes, &simulation.log, &steps), None, "{object}");
-        }
+        let accepted = |object: &str, grasps: usize| {
+            let one = |seed: &u64| {
+                let log = simulation(object, grasps, *seed).log;
+                let steps = trackers::Kind::Hypotheses.follow(&log, *seed);
+                corrected(Kind::Planes, &log, &steps).is_some()
+            };
+            (1000..1012).filter(one).count()
+        };
+        assert_eq!(accepted("rectangle:0.1x0.06", 2), 0);
+        let (flat, curved) = (accepted("rectangle:0.1x0.06", 6), accepted("ellipse:0.08x0.06", 6));
+        assert!(flat >= 9 && curved <= 6, "{flat} {curved}");
     }
 
     #[test]
