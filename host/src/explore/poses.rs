@@ -2,8 +2,8 @@
 
 use tactile_core::track::Status;
 
+use crate::graph::Kind;
 use crate::graph::joint::{self, Effort};
-use crate::graph::{self, Kind};
 use crate::log::GraspLog;
 use crate::slam::track::{Follower, Step};
 use crate::space::Pose;
@@ -60,7 +60,7 @@ fn corrected(graph: Kind, log: &GraspLog, steps: &[Step]) -> Option<Vec<Step>> {
     if let Some(corrected) = graph.correct(log, steps) {
         return Some(corrected.steps);
     }
-    if graph != graph::Kind::Planes || steps.len() < FEWEST {
+    if graph != Kind::Planes || steps.len() < FEWEST {
         return None;
     }
     let settled = joint::planes(log, &[steps], SETTLED)?;
