@@ -1,5 +1,6 @@
 //! `tactile explore`: a simulated hand decides where to touch.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -97,7 +98,7 @@ pub struct ExploreArgs {
     #[arg(long, value_enum, default_value_t = Kind::Hypotheses, requires = "moving")]
     tracker: Kind,
     /// What corrects all poses together, after the tracker
-    #[arg(long, value_enum, default_value_t = graph::Kind::None, requires = "moving")]
+    #[arg(long, value_enum, default_value_t = graph::Kind::Planes, requires = "moving")]
     graph: graph::Kind,
     /// Let a board choose, by what it makes of the grasps itself: qemu, virtual or tcp:HOST:PORT as in
     /// live. It chooses among at most 16 candidates (--candidates fixed, or --count 16), by information
@@ -151,6 +152,16 @@ enum HandName {
     Idealised,
     FiveFinger,
     File(PathBuf),
+}
+
+impl fmt::Display for HandName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            HandName::Idealised => f.write_str("idealised"),
+            HandName::FiveFinger => f.write_str("five-finger"),
+            HandName::File(file) => file.display().fmt(f),
+        }
+    }
 }
 
 fn hand_name(text: &str) -> Result<HandName, String> {
@@ -258,7 +269,7 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
     let report = outcome.report.to_json().map_err(Error::failure)?;
     let report: Value = serde_json::from_str(&report).map_err(Error::failure)?;
     if args.json {
-        let result = result(&settings, &episode, report);
+        let result = result(args, &settings, &episode, report);
         say(serde_json::to_string_pretty(&result).map_err(Error::failure)?);
     } else {
         tell(table(&episode.actions));
@@ -357,7 +368,40 @@ fn finish(
     conclude(log, truth, episode.steps.clone(), provenance).map_err(Error::failure)
 }
 
-fn result(settings: &explore::Settings, episode: &Episode, mut report: Value) -> Value {
+/// What was asked for, as on the command line; null is what does not count.
+fn options(args: &ExploreArgs) -> Value {
+    let of = |kind: Kinds| args.candidates == kind;
+    json!({
+        "object": args.object.to_string(),
+        "hand": args.hand.to_string(),
+        "table": args.table,
+        "criterion": name(args.criterion),
+        "alpha": (args.criterion == Criterion::Renyi).then_some(args.alpha),
+        "candidates": name(args.candidates),
+        "count": of(Kinds::Continuous).then_some(args.count),
+        "area": of(Kinds::Clusters).then(|| name(args.area.unwrap_or_default())),
+        "batch": args.batch,
+        "lookahead": args.lookahead,
+        "cost": args.cost.as_ref().map(Cost::to_string),
+        "motion_noise": args.moving.then(|| args.motion_noise.to_string()),
+        "contact_noise": args.contact_noise.to_string(),
+        "tracker": args.moving.then(|| args.tracker.name()),
+        "graph": args.moving.then(|| name(args.graph)),
+        "board": args.board.as_ref().map(Port::to_string),
+        "board_tracker": args.board.as_ref().map(|_| args.board_tracker.name()),
+        "until": args.until.to_string(),
+        "pose": args.pose.as_ref().map(Deviation::to_string),
+        "max_actions": args.max_actions,
+        "seed": args.seed,
+    })
+}
+
+fn result(
+    args: &ExploreArgs,
+    settings: &explore::Settings,
+    episode: &Episode,
+    mut report: Value,
+) -> Value {
     let actions: Vec<Value> = episode
         .actions
         .iter()
@@ -382,13 +426,14 @@ fn result(settings: &explore::Settings, episode: &Episode, mut report: Value) ->
     }
     result.insert("criterion".into(), name(settings.criterion).into());
     result.insert("until".into(), settings.until.to_string().into());
+    result.insert("options".into(), options(args));
     result.insert("history".into(), actions.into());
     Value::Object(result)
 }
 
 /// As on the command line.
-fn name(criterion: Criterion) -> String {
-    criterion.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned())
+fn name(value: impl ValueEnum) -> String {
+    value.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned())
 }
 
 #[cfg(test)]
@@ -464,6 +509,27 @@ mod tests {
         assert!(none.contains("no fingertip"), "{none}");
         let unknown = line(&["--object", "sphere:0.08", "--hand", "three-finger"]).unwrap_err();
         assert!(unknown.to_string().contains("five-finger or a file ending in .urdf"), "{unknown}");
+    }
+
+    #[test]
+    fn the_result_says_what_was_asked_for() {
+        let words = "--object rectangle:0.1x0.06 --criterion renyi --alpha 3 --candidates clusters --area gain \
+                     --batch 2 --lookahead --cost action=7 --moving --pose 3mm,3deg";
+        let options = options(&line(&words.split_whitespace().collect::<Vec<_>>()).unwrap().args);
+        assert_eq!(options["candidates"], "clusters");
+        assert_eq!((&options["area"], &options["count"]), (&"gain".into(), &Value::Null));
+        assert_eq!((&options["batch"], &options["lookahead"]), (&2.into(), &true.into()));
+        assert_eq!(options["alpha"], 3.0);
+        assert_eq!(options["cost"], "action=7,travel=20,turn=3,miss=5");
+        assert_eq!(options["tracker"], "hypotheses");
+        assert_eq!((&options["pose"], &options["board"]), (&"3mm,3deg".into(), &Value::Null));
+        let still = super::options(&line(&["--object", "sphere:0.08"]).unwrap().args);
+        assert_eq!((&still["count"], &still["area"]), (&120.into(), &Value::Null));
+        assert!(
+            still["tracker"].is_null()
+                && still["motion_noise"].is_null()
+                && still["alpha"].is_null()
+        );
     }
 
     #[test]

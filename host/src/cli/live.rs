@@ -1,5 +1,6 @@
 //! `tactile live`: a grasp log through a board, and what the board made of it.
 
+use std::fmt;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -109,6 +110,16 @@ pub enum Port {
     Virtual,
     /// Behind a socket: host:port.
     Tcp(String),
+}
+
+impl fmt::Display for Port {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Port::Qemu => f.write_str("qemu"),
+            Port::Virtual => f.write_str("virtual"),
+            Port::Tcp(address) => write!(f, "tcp:{address}"),
+        }
+    }
 }
 
 impl FromStr for Port {

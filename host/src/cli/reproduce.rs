@@ -10,11 +10,13 @@ use serde::Serialize;
 use crate::cli::Error;
 use crate::cli::terminal::{note, say};
 use crate::experiment::chapter2::{self, FIGURES};
+use crate::experiment::exploration::{Among, Goal};
 use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{
     calibration, chapter3, chapter4, data, exploration, graphs, localization, memory, outliers,
     planning, pose_graphs, probing, push, sensing, shapes, solids, tracking,
 };
+use crate::explore::Criterion;
 use crate::graph;
 use crate::log::write::write_atomically;
 use crate::quantity::{self, Deviation};
@@ -58,7 +60,7 @@ impl ReproduceArgs {
 /// Which part of a comparison to run: all of it together runs for hours.
 #[derive(Debug, PartialEq, Args)]
 #[command(
-    next_help_heading = "Only for shapes, tracking, mujoco, pose-graphs and pose-graph-outliers"
+    next_help_heading = "Only for shapes, tracking, mujoco, pose-graphs, table-4.2, table-4.3 and their like"
 )]
 struct PartArgs {
     /// Only objects (of mujoco: recordings, of pose-graphs: graphs) whose name holds this, such as ycb/ or
@@ -76,10 +78,12 @@ struct PartArgs {
     #[arg(long, value_name = "N", value_delimiter = ',',
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1024))]
     contacts: Vec<usize>,
-    /// Of tracking and mujoco: only these trackers; oracle (true poses) and odometry (none but the hand's) too
+    /// Of tracking and mujoco: only these trackers; oracle (true poses) and odometry (none but the hand's)
+    /// too; of table-4.3 and solids-moving: this one instead of those that suit the objects
     #[arg(long, value_name = "TRACKER")]
     tracker: Vec<Contender>,
-    /// Of tracking and mujoco: what corrects the trackers' poses afterwards [default: none]
+    /// Of tracking, mujoco and table-4.3: what corrects the trackers' poses afterwards [default: none, of
+    /// table-4.3 planes]
     #[arg(long, value_enum)]
     graph: Option<graph::Kind>,
     /// Of tracking: which part of the contacts is wild [default: 0]
@@ -88,6 +92,16 @@ struct PartArgs {
     /// Of tracking: how many in a run [default: 16 in the plane, 20 in space]
     #[arg(long, value_name = "N")]
     grasps: Option<usize>,
+    /// Of table-4.2 and table-4.3: only rows of these criteria, any of explore's
+    #[arg(long, value_enum, value_name = "CRITERION", value_delimiter = ',')]
+    criterion: Vec<Criterion>,
+    /// Of table-4.2 and table-4.3: only rows that choose among these
+    #[arg(long, value_enum, value_delimiter = ',')]
+    candidates: Vec<Among>,
+    /// Of table-4.2 and table-4.3: only rows with these goals: lenient or strict, and of table-4.3
+    /// lenient+pose or strict+pose, where the last pose must be known, too
+    #[arg(long, value_name = "GOAL", value_delimiter = ',')]
+    until: Vec<Goal>,
 }
 
 impl PartArgs {
@@ -105,7 +119,7 @@ impl PartArgs {
             PLANNING,
         ];
         const NOISY: &[&str] = &[SHAPES, TRACKING, CONSISTENCY];
-        const TRACKERS: &[&str] = &[TRACKING, CONSISTENCY, MUJOCO, SOLIDS[1]];
+        const TRACKERS: &[&str] = &[TRACKING, CONSISTENCY, MUJOCO, EXPLORATION[1], SOLIDS[1]];
         const SIMULATED: &[&str] = &[TRACKING, CONSISTENCY];
         const ALL: &[&str] = &[
             SHAPES,
@@ -120,8 +134,8 @@ impl PartArgs {
             SOLIDS[1],
             PLANNING,
         ];
-        const CORRECTED: &[&str] = &[TRACKING, MUJOCO];
-        let options: [(_, &'static [&'static str], bool); 8] = [
+        const CORRECTED: &[&str] = &[TRACKING, MUJOCO, EXPLORATION[1]];
+        let options: [(_, &'static [&'static str], bool); 11] = [
             ("--object", ALL, !self.object.is_empty()),
             ("--first-seed", COMPARISONS, self.first_seed.is_some()),
             ("--noise", NOISY, self.noise.is_some()),
@@ -130,6 +144,9 @@ impl PartArgs {
             ("--graph", CORRECTED, self.graph.is_some()),
             ("--outliers", SIMULATED, self.outliers.is_some()),
             ("--grasps", SIMULATED, self.grasps.is_some()),
+            ("--criterion", &EXPLORATION, !self.criterion.is_empty()),
+            ("--candidates", &EXPLORATION, !self.candidates.is_empty()),
+            ("--until", &EXPLORATION, !self.until.is_empty()),
         ];
         options.into_iter().filter_map(|(name, takers, given)| given.then_some((name, takers)))
     }
@@ -373,9 +390,27 @@ fn count_actions(args: &ReproduceArgs) -> Result<(), Error> {
     };
     let first = args.part.first_seed.unwrap_or(0);
     let seeds = first..first.saturating_add(args.seeds());
+    let PartArgs { object, tracker, graph, criterion, candidates, until, .. } = &args.part;
+    let ours = |contender: &Contender| match contender {
+        Contender::Tracker(kind) => Ok(*kind),
+        _ => Err(Error::input(format!("--tracker: {name} takes one of ours"))),
+    };
+    let selection = exploration::Selection {
+        objects: object.clone(),
+        trackers: tracker.iter().map(ours).collect::<Result<_, _>>()?,
+        graph: *graph,
+        criteria: criterion.clone(),
+        among: candidates.clone(),
+        goals: until.clone(),
+    };
     let rows = watch(args, exploration::heading());
-    let object = args.part.object.first().map(String::as_str);
-    let table = exploration::run(of, object, seeds, rows).map_err(Error::input)?;
+    let table = exploration::run(of, &selection, seeds, rows).map_err(Error::input)?;
+    if table.rows.is_empty() {
+        return Err(Error::input(format!(
+            "--until, --criterion, --candidates: {name} has no row like this: drawn candidates never repeat, \
+             and the pose of what stays where it is is known"
+        )));
+    }
     conclude(args, &Outcome::pictured(name, &table, table.picture())?)
 }
 

@@ -11,29 +11,19 @@ use serde::Serialize;
 
 use super::proportion::Proportion;
 use super::{Spread, with_room};
-use crate::explore::{Candidates, Criterion, End, Episode, Planning, Settings, Until, explore};
+use crate::explore::{End, Episode, Planning, Settings, explore};
 use crate::graph;
 use crate::quantity::Deviation;
-use crate::sim::{Bench, ObjectError, ObjectSpec, Options};
+use crate::sim::{Bench, ObjectError, Options};
 use crate::slam::trackers::Kind;
 
-/// The thesis' object.
-const RECTANGLE: &str = "rectangle:0.10x0.06";
+mod cases;
 
-/// Objects of other kinds, with the tracker that suits them: who follows a curved one by flat faces
-/// loses it.
-const OTHERS: [(&str, Kind); 4] = [
-    ("hexagon:0.045", Kind::Hypotheses),
-    ("triangle:0.06", Kind::Hypotheses),
-    ("lshape:0.09x0.09x0.035", Kind::Hypotheses),
-    ("ellipse:0.10x0.06", Kind::Automatic),
-];
+pub use cases::{Among, Goal, Selection};
+use cases::{Case, cases};
 
 /// Actions after which a run is given up.
 const MOST_ACTIONS: usize = 60;
-
-/// New candidates at every choice.
-const CANDIDATES: usize = 120;
 
 /// Slip at every grasp of a moving object.
 const SLIP: Deviation = Deviation { length: 5e-3, angle: 10.0 * std::f64::consts::PI / 180.0 };
@@ -50,18 +40,6 @@ pub enum TableOf {
     Moving,
 }
 
-/// A case of a table.
-#[derive(Clone, Debug, PartialEq)]
-struct Case {
-    object: ObjectSpec,
-    tracker: Option<Kind>,
-    criterion: Criterion,
-    candidates: Candidates,
-    until: Until,
-    /// Whether the last pose must be known, too.
-    pose: bool,
-}
-
 /// One row.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
@@ -69,6 +47,8 @@ pub struct Row {
     pub object: String,
     /// Who followed it; `None` where it stayed where it was.
     pub tracker: Option<&'static str>,
+    /// What corrected the poses afterwards; `None` where nothing did.
+    pub graph: Option<&'static str>,
     /// What decided.
     pub criterion: String,
     /// Among what.
@@ -120,21 +100,23 @@ pub struct Table {
     pub rows: Vec<Row>,
 }
 
-/// Runs the cases of a table, of one object where one is named, and tells `watch` of each row as it is
-/// done.
+/// Runs the cases of a table that are selected, and tells `watch` of each row as it is done.
 ///
 /// # Errors
-/// When the object does not exist.
+/// When an object does not exist.
 pub fn run(
     of: TableOf,
-    object: Option<&str>,
+    selection: &Selection,
     seeds: Range<u64>,
     mut watch: impl FnMut(&Row),
 ) -> Result<Table, ObjectError> {
-    let mut rows = Vec::new();
-    for case in cases(of, object)? {
+    let cases = cases(of, selection)?;
+    for case in &cases {
         case.object.geometry()?;
-        let row = with_room(|| row(&case, seeds.clone()));
+    }
+    let mut rows = Vec::new();
+    for case in &cases {
+        let row = with_room(|| row(case, seeds.clone()));
         watch(&row);
         rows.push(row);
     }
@@ -148,59 +130,6 @@ pub fn run(
         }
     };
     Ok(Table { title, seeds: (seeds.start, seeds.end.saturating_sub(1)), rows })
-}
-
-/// The rectangle by all criteria and the other objects by the best and by chance; an object that is
-/// named, by all.
-fn cases(of: TableOf, object: Option<&str>) -> Result<Vec<Case>, ObjectError> {
-    use Criterion::*;
-    const CONTINUOUS: Candidates = Candidates::Continuous(CANDIDATES);
-    let (criteria, few): (&[Criterion], &[Criterion]) = match of {
-        TableOf::Fixed => {
-            (&[Random, NoRepeat, VarianceSum, Igef, Entropy, Information], &[Random, Information])
-        }
-        TableOf::Moving => {
-            (&[Random, NoRepeat, DetSigma, Kl, Entropy, Information, Both], &[Random, Both])
-        }
-    };
-    let tracked = |kind| (of == TableOf::Moving).then_some(kind);
-    let mut cases = Vec::new();
-    let mut add = |object: &str, tracker, criteria: &[Criterion], untils: &[Until], pose: bool| {
-        let object: ObjectSpec = object.parse()?;
-        for &until in untils {
-            for candidates in [Candidates::Fixed, CONTINUOUS] {
-                for &criterion in criteria {
-                    // Continuous draws never repeat.
-                    if (criterion, candidates) != (NoRepeat, CONTINUOUS) {
-                        let object = object.clone();
-                        cases.push(Case { object, tracker, criterion, candidates, until, pose });
-                    }
-                }
-            }
-        }
-        Ok::<(), ObjectError>(())
-    };
-    let both = [Until::Lenient, Until::Strict];
-    let main = object.unwrap_or(RECTANGLE);
-    let known = OTHERS.iter().find(|(name, _)| *name == main).map(|(_, kind)| *kind);
-    let kind = match (object, known) {
-        (_, Some(kind)) => kind,
-        (Some(_), None) => Kind::Automatic,
-        (None, None) => Kind::Hypotheses,
-    };
-    if of == TableOf::Moving {
-        // As the thesis counts, whatever is known of the pose in the end.
-        add(main, tracked(kind), criteria, &both, false)?;
-        add(main, tracked(kind), criteria, &both, true)?;
-    } else {
-        add(main, None, criteria, &both, false)?;
-    }
-    if object.is_none() {
-        for (name, kind) in OTHERS {
-            add(name, tracked(kind), few, &both, of == TableOf::Moving)?;
-        }
-    }
-    Ok(cases)
 }
 
 fn row(case: &Case, seeds: Range<u64>) -> Row {
@@ -240,16 +169,17 @@ fn row(case: &Case, seeds: Range<u64>) -> Row {
     Row {
         object: case.object.to_string(),
         tracker: case.tracker.map(Kind::name),
+        graph: match case.graph {
+            graph::Kind::Planes => Some("planes"),
+            graph::Kind::Pairwise => Some("pairwise"),
+            graph::Kind::None => None,
+        },
         criterion: case
             .criterion
             .to_possible_value()
             .map_or_else(String::new, |v| v.get_name().into()),
-        candidates: match case.candidates {
-            Candidates::Fixed => "fixed",
-            Candidates::Continuous(_) => "continuous",
-            Candidates::Clusters(_) => "clusters",
-        },
-        until: format!("{}{}", case.until, if case.pose { ", pose" } else { "" }),
+        candidates: case.among.name(),
+        until: case.goal.to_string(),
         actions: mean,
         plus_minus,
         shape_actions: self::mean(&shape_actions).0,
@@ -285,12 +215,12 @@ fn episode(case: &Case, seed: u64) -> Option<Episode> {
     let mut bench = Bench::new(options).ok()?;
     let settings = Settings {
         criterion: case.criterion,
-        candidates: case.candidates,
+        candidates: case.among.candidates(),
         planning: Planning::default(),
         tracker: case.tracker,
-        graph: graph::Kind::None,
-        until: case.until,
-        pose: case.pose.then_some(POSE),
+        graph: case.graph,
+        until: case.goal.until,
+        pose: case.goal.pose.then_some(POSE),
         most_actions: MOST_ACTIONS,
         seed,
     };
@@ -300,8 +230,9 @@ fn episode(case: &Case, seed: u64) -> Option<Episode> {
 /// The head of the table.
 pub fn heading() -> String {
     format!(
-        "  {:<24}{:<14}{:<12}{:<15}{:>13}{:>7}  {:<17}{:<17}{:>10}{:>10}{:>6}{:>9}{:>8}{:>10}{:>7}",
+        "  {:<24}{:<20}{:<14}{:<12}{:<14}{:>13}{:>7}  {:<17}{:<17}{:>10}{:>10}{:>6}{:>9}{:>8}{:>10}{:>7}",
         "object",
+        "tracker",
         "criterion",
         "candidates",
         "until",
@@ -330,8 +261,14 @@ impl fmt::Display for Row {
         let [missed, lost, other] = self.failures;
         write!(
             f,
-            "  {:<24}{:<14}{:<12}{:<15}{:>6.1} ± {:<4.1}{:>7.1}  {:<17}{:<17}{:>10}{:>10}{:>6}{:>9}{:>8.1}{:>10.1}{:>5.0} s",
+            "  {:<24}{:<20}{:<14}{:<12}{:<14}{:>6.1} ± {:<4.1}{:>7.1}  {:<17}{:<17}{:>10}{:>10}{:>6}{:>9}{:>8.1}{:>10.1}{:>5.0} s",
             self.object,
+            [
+                self.tracker.unwrap_or("–"),
+                self.graph.map_or("", |_| ", "),
+                self.graph.unwrap_or("")
+            ]
+            .concat(),
             self.criterion,
             self.candidates,
             self.until,
@@ -363,9 +300,9 @@ impl fmt::Display for Table {
             "  actions: mean and its 95 % interval (normal), runs given up counted as {MOST_ACTIONS}; shape: \
              actions until the shape alone was known; Wilson intervals\n  \
              until: strict is a standard deviation and a true error of at most 1.8 mm on 90 % of the true \
-             surface, lenient 2.5 mm and 3 mm; pose: and by the explorer's own account the pose within 3 mm \
+             surface, lenient 2.5 mm and 3 mm; +pose: and by the explorer's own account the pose within 3 mm \
              and 3° with 95 %\n  \
-             what moved is judged after the best rigid alignment, whose size is drift (median mm, °), by \
+             tracker: who followed what moved, and what corrected its poses; what moved is judged after the best rigid alignment, whose size is drift (median mm, °), by \
              deviations that hold how contacts lie beside each other and not where all of them are; \
              2σ: share of what is called known that is within two of its deviations\n  \
              pose right: runs that got there with a last pose within 3 mm and 3°, of all; pose: its median \

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use nalgebra::{Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::belief::Belief;
 use super::clustering::{Area, Settings, cluster};
@@ -23,8 +23,10 @@ const PART: usize = 10;
 /// it within this distance, radians and metres.
 const FACING: (f64, f64) = (30.0 * PI / 180.0, 15e-3);
 
-/// The same distance for a grasp that met nothing: all that [`facing`] gives are nearer, metres.
-const MISSED: f64 = 20e-3;
+/// A fingertip that met nothing went past an area where its way is this near to the area's middle, metres
+/// (half the distance of two fingers and some more, so that nothing hides between two of them), and ran
+/// against it within this angle, radians: what lies along its way it would not have met.
+const PASSED: (f64, f64) = (20e-3, 60.0 * PI / 180.0);
 
 /// The areas that so many last grasps faced are left.
 const LEFT: usize = 2;
@@ -62,8 +64,8 @@ pub fn areas(belief: &Belief, settings: &Settings) -> (Vec<(Point, Point)>, Vec<
 /// Grasps of the next contact area, or of all of them, `done` being where the hand closed so far (object
 /// frame, the last one last) and `missed` where it met nothing. What was done before is not done again
 /// as long as there is anything else, since these grasps, unlike drawn ones, would come back at every
-/// choice. Areas that a missed grasp faced are left: where the surface is a guess, pieces of it may be
-/// that no object has. Empty where there is no surface.
+/// choice. Areas that the fingers of a missed grasp went past are left: where the surface is a guess,
+/// pieces of it may be that no object has. Empty where there is no surface.
 pub fn candidates(
     belief: &Belief,
     next: NextArea,
@@ -71,7 +73,7 @@ pub fn candidates(
     missed: &[Placement],
 ) -> Vec<Placement> {
     let (_, all) = areas(belief, &Settings::default());
-    let there = |area: &&Area| !missed.iter().any(|p| faces_within(p, area, MISSED));
+    let there = |area: &&Area| !missed.iter().any(|p| passes(belief, p, area));
     let mut areas: Vec<Area> = all.iter().filter(there).cloned().collect();
     if areas.is_empty() {
         areas = all;
@@ -105,14 +107,22 @@ fn nearest<'a>(
 
 /// Whether the fingers close on the area.
 fn faces(placement: &Placement, area: &Area) -> bool {
-    faces_within(placement, area, FACING.1)
-}
-
-fn faces_within(placement: &Placement, area: &Area, reach: f64) -> bool {
     let palm = placement.hand.rotation * Point::y();
     let away = area.centre - placement.hand.translation.vector;
     let aside = away - palm * away.dot(&palm);
-    palm.angle(&area.normal) < FACING.0 && aside.norm() < reach
+    palm.angle(&area.normal) < FACING.0 && aside.norm() < FACING.1
+}
+
+/// Whether a finger of the grasp, which met nothing, would have met the area.
+fn passes(belief: &Belief, missed: &Placement, area: &Area) -> bool {
+    let off = (missed.hand.translation.vector - belief.centre).norm();
+    missed.strokes(belief.dimension, belief.radius + off).iter().any(|stroke| {
+        let start = (missed.hand * Point3::from(stroke.start)).coords;
+        let way = missed.hand.rotation * stroke.direction;
+        let along = (area.centre - start).dot(&way).clamp(0.0, stroke.travel);
+        let aside = area.centre - (start + along * way);
+        aside.norm() < PASSED.0 && area.normal.angle(&-way) < PASSED.1
+    })
 }
 
 /// The grasps whose palm faces the area, in three postures. In the plane the middle of the four fingers
@@ -220,5 +230,14 @@ mod tests {
         assert_eq!(candidates(&belief, NextArea::Near, &[], &[]).len(), 9);
         let left = candidates(&belief, NextArea::Gain, &[], &[last]);
         assert!(!left.is_empty() && left.len() <= 9 * (areas.len() - 1));
+        // A finger on its way along a face says nothing about it; one that runs against it does.
+        let area = &areas[0];
+        let turned = |angle: f64| {
+            let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
+            let middle = Translation3::from(area.centre);
+            Placement { hand: Pose::from_parts(middle, turn * last.hand.rotation), ..last }
+        };
+        assert!(passes(&belief, &turned(0.0), area) && passes(&belief, &turned(0.5), area));
+        assert!(!passes(&belief, &turned(0.5 * PI), area));
     }
 }

@@ -30,7 +30,9 @@ const REMEMBERED: usize = 2;
 const UNCERTAIN: f64 = 3e-3;
 
 /// What a pose within its tolerance is worth where all of the shape is known, nats, and the power of the
-/// known share by which it is worth less before.
+/// known share by which it is worth less before. Neither matters much: 1, 4 or 16 nats, and a power of 1
+/// or 4, took a slipping rectangle 5.5 to 5.8 grasps until shape (strict) and pose were known, and 4.8 to
+/// 5.8 with the lenient shape, all within each other's 95 % intervals (24 runs each, seeds 1000 on).
 const LOCALISED: f64 = 4.0;
 const PATIENCE: i32 = 4;
 

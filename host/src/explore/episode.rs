@@ -15,6 +15,7 @@ use super::criterion::Criterion;
 use super::localization;
 use super::placement::{Placement, drawn, fixed};
 use super::planning::Planning;
+use super::poses::{Poses, is_lost};
 use crate::graph;
 use crate::link::SessionError;
 use crate::log::GraspLog;
@@ -24,7 +25,7 @@ use crate::sim::random::Random;
 use crate::sim::{Bench, Hand};
 use crate::slam::gauge::gauge;
 use crate::slam::reconstruct;
-use crate::slam::track::{Follower, Step};
+use crate::slam::track::Step;
 use crate::slam::trackers::Kind;
 use crate::space::{Point, Pose};
 
@@ -58,7 +59,8 @@ pub struct Settings {
     pub planning: Planning,
     /// Who follows the object; `None` where it is known to stay where it is.
     pub tracker: Option<Kind>,
-    /// What corrects the poses after the tracker.
+    /// What corrects the poses after the tracker. [`graph::Kind::Planes`] does so from the third grasp on
+    /// where all that was felt lies on flat faces.
     pub graph: graph::Kind,
     /// When enough of the shape is known.
     pub until: Until,
@@ -335,47 +337,17 @@ fn run(
     }
 }
 
-/// The poses of all grasps as they are known now.
-struct Poses {
-    tracker: Option<Follower>,
-    graph: graph::Kind,
-    taken: usize,
-}
-
-impl Poses {
-    fn new(log: &GraspLog, settings: &Settings) -> Poses {
-        let tracker = settings.tracker.map(|kind| kind.start(log, settings.seed));
-        Poses { tracker, graph: settings.graph, taken: 0 }
-    }
-
-    /// Takes the grasps that are new in the log.
-    fn after(&mut self, log: &GraspLog) -> Vec<Step> {
-        let Some(tracker) = &mut self.tracker else {
-            return vec![Step::certain(Pose::identity()); log.grasps.len()];
-        };
-        for grasp in log.grasps.iter().skip(self.taken) {
-            tracker.take(grasp, &log.noise);
-        }
-        self.taken = log.grasps.len();
-        let steps = tracker.steps();
-        self.graph.correct(log, &steps).map_or(steps, |corrected| corrected.steps)
-    }
-}
-
-fn is_lost(steps: &[Step]) -> bool {
-    steps.last().is_some_and(|s| s.status == Status::Lost)
-}
-
 /// The first action. An articulated hand delimits the object by probing (thesis figure 4.2), all guarded
-/// moves together counted as one action. The idealised hand grasps: any candidate about the world's origin,
-/// again until something is felt; closings that felt nothing stay in the log.
+/// moves together counted as one action. The idealised hand, of which nothing can be in the object's way,
+/// opens as wide as it can and closes about the middle of the workspace, from any side, again until
+/// something is felt; closings that felt nothing stay in the log. Nothing is known of the object's size.
 fn first(
     bench: &mut Bench,
     poses: &mut Poses,
     settings: &Settings,
     random: &mut Random,
 ) -> Result<(Placement, usize), Error> {
-    let (dimension, radius) = (bench.log().dimension, bench.radius());
+    let dimension = bench.log().dimension;
     if matches!(bench.hand(), Hand::Articulated(_)) {
         let probe = bench.probe()?;
         let contacts = probe.touches().count();
@@ -389,11 +361,10 @@ fn first(
                 ten[((random.unit() * ten.len() as f64) as usize).min(ten.len() - 1)]
             }
             Candidates::Continuous(_) | Candidates::Clusters(_) => {
-                drawn(dimension, &Point::zeros(), radius, random)
+                drawn(dimension, &Point::zeros(), 0.0, random)
             }
         };
-        let strokes = placement.strokes(dimension, 2.0 * radius);
-        let contacts = bench.close(&placement.hand, &strokes);
+        let contacts = bench.close(&placement.hand, &placement.strokes(dimension, 0.0));
         if contacts > 0 {
             // In the object frame, which a tracker puts at the middle of the contacts.
             let steps = poses.after(bench.log());

@@ -29,6 +29,7 @@ pub mod lookahead;
 pub mod placement;
 pub mod planning;
 pub mod pose_gain;
+mod poses;
 pub mod prediction;
 pub mod swept;
 

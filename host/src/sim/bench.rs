@@ -214,12 +214,30 @@ impl Bench {
 
     /// Closes the hand at `hand` (hand to world) along `strokes`, after the object has slipped by the
     /// motion noise; the grasp is the log's last one then. How many contacts it felt: none where the
-    /// hand closed on nothing.
+    /// hand closed on nothing. A fingertip that would start inside an object larger than the hand opens
+    /// has met it on its way there.
     pub fn close(&mut self, hand: &Pose, strokes: &[Stroke]) -> usize {
         self.pose = self.slipped();
-        let (felt, free) = feel(&self.geometry, &self.pose, hand, strokes);
+        let strokes: Vec<Stroke> = strokes.iter().map(|s| self.from_outside(hand, s)).collect();
+        let (felt, free) = feel(&self.geometry, &self.pose, hand, &strokes);
         let contacts = self.sense(felt);
         self.record(contacts, free, None)
+    }
+
+    /// The stroke, from so far out that it does not start in the object.
+    fn from_outside(&self, hand: &Pose, stroke: &Stroke) -> Stroke {
+        let start = (self.pose.inverse() * hand * Point3::from(stroke.start)).coords;
+        let inside = match &self.geometry {
+            Geometry::Outline(outline) => outline.contains(&start),
+            Geometry::Mesh(mesh) => mesh.signed_distance(&start).is_some_and(|d| d < 0.0),
+        };
+        if !inside {
+            return stroke.clone();
+        }
+        let (low, high) = self.geometry.bounds();
+        let back = (high - low).norm();
+        let start = stroke.start - back * stroke.direction;
+        Stroke { start, travel: stroke.travel + back, ..stroke.clone() }
     }
 
     /// Where the object is after it has slipped, which it does before every grasp but the first.
@@ -285,13 +303,5 @@ impl Bench {
     /// The true shape in the object frame, to judge by.
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
-    }
-
-    /// How far the object reaches from its middle at most, metres: what probing it with a flat hand would
-    /// give without noise ([`Bench::probe`]). Only explorations with the idealised hand start from it.
-    pub fn radius(&self) -> f64 {
-        let (low, high) = self.geometry.bounds();
-        let centre: Point = self.geometry.centroid();
-        (low - centre).abs().sup(&(high - centre).abs()).norm()
     }
 }

@@ -50,7 +50,8 @@ fn a_rectangle_is_known_after_a_few_actions_and_the_same_ones_every_time() {
 fn a_moving_object_is_followed_while_it_is_explored() {
     let settings = Settings {
         tracker: Some(Kind::Hypotheses),
-        most_actions: 30,
+        graph: graph::Kind::Planes,
+        most_actions: 15,
         ..settings(Criterion::Information, Candidates::Continuous(40))
     };
     // Nobody asked for the last pose here, and a last grasp that feels two parallel faces leaves one
@@ -75,8 +76,9 @@ fn it_goes_on_until_the_pose_is_known_as_well_as_it_was_asked_for() {
     let pose = Deviation { length: 3e-3, angle: 3f64.to_radians() };
     let settings = Settings {
         tracker: Some(Kind::Hypotheses),
+        graph: graph::Kind::Planes,
         pose: Some(pose),
-        most_actions: 30,
+        most_actions: 15,
         ..settings(Criterion::Both, Candidates::Continuous(40))
     };
     let episode = with_room(|| explore(&mut bench, &settings, |_| ())).unwrap();
@@ -87,7 +89,7 @@ fn it_goes_on_until_the_pose_is_known_as_well_as_it_was_asked_for() {
         assert!(action.localised.unwrap() < SURE || action.known < 0.9);
     }
     let (length, angle) = episode.pose_error;
-    assert!(length < 2.0 * pose.length && angle < 2.0 * pose.angle, "{length} {angle}");
+    assert!(length < pose.length && angle < pose.angle, "{length} {angle}");
 }
 
 #[test]
@@ -147,6 +149,24 @@ fn no_repeat_takes_each_of_the_ten_once() {
     assert_eq!(episode.actions.len(), 10);
     for (i, a) in episode.actions.iter().enumerate() {
         assert!(!episode.actions[..i].iter().any(|b| same(&settings, &a.placement, &b.placement)));
+    }
+}
+
+#[test]
+fn an_object_larger_than_the_hand_opens_is_touched_from_outside() {
+    let mut bench = bench("rectangle:0.6x0.5", STILL, 1);
+    let settings =
+        Settings { most_actions: 4, ..settings(Criterion::Entropy, Candidates::Continuous(10)) };
+    let episode = explore(&mut bench, &settings, |_| ()).unwrap();
+    assert_eq!(episode.actions[0].contacts, 5);
+    for grasp in &bench.log().grasps {
+        let back = grasp.truth.unwrap().inverse();
+        for contact in &grasp.contacts {
+            let point = (back * Point3::from(contact.point)).coords;
+            assert!(bench.geometry().distance(&point) < 5e-3);
+            // Out of the object: the middle lies behind every side of a rectangle.
+            assert!((back.rotation * contact.normal.unwrap()).dot(&point) > 0.0);
+        }
     }
 }
 

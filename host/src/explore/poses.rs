@@ -1,0 +1,159 @@
+//! The poses of all grasps while an object is explored: the tracker's, corrected by a graph.
+
+use tactile_core::track::Status;
+
+use crate::graph::Kind;
+use crate::graph::joint::{self, Effort};
+use crate::log::GraspLog;
+use crate::slam::track::{Follower, Step};
+use crate::space::Pose;
+
+use super::episode::Settings;
+
+/// Grasps from which on flat faces are estimated together with the poses without a search: two may have
+/// felt different parts of the object.
+const FEWEST: usize = 3;
+
+/// What faces must explain to be believed of so few grasps: this share of the contacts, with at most so
+/// much χ² per degree of freedom. About 1 on flat faces and above 1.5 on an ellipse.
+const EXPLAINED: f64 = 0.9;
+const FLAT: f64 = 1.5;
+
+/// No search: the faces that the tracker's poses suggest, settled together with the poses.
+const SETTLED: Effort = Effort { rounds: 0, restarts: false, retrack: false };
+
+/// The poses of all grasps as they are known now.
+pub(super) struct Poses {
+    tracker: Option<Follower>,
+    graph: Kind,
+    taken: usize,
+}
+
+impl Poses {
+    pub fn new(log: &GraspLog, settings: &Settings) -> Poses {
+        let tracker = settings.tracker.map(|kind| kind.start(log, settings.seed));
+        Poses { tracker, graph: settings.graph, taken: 0 }
+    }
+
+    /// Takes the grasps that are new in the log.
+    pub fn after(&mut self, log: &GraspLog) -> Vec<Step> {
+        let Some(tracker) = &mut self.tracker else {
+            return vec![Step::certain(Pose::identity()); log.grasps.len()];
+        };
+        for grasp in log.grasps.iter().skip(self.taken) {
+            tracker.take(grasp, &log.noise);
+        }
+        self.taken = log.grasps.len();
+        let steps = tracker.steps();
+        match corrected(self.graph, log, &steps) {
+            Some(corrected) => with_modes(corrected, &steps),
+            None => steps,
+        }
+    }
+}
+
+/// The steps as the graph has them, `None` where they stand. The joint graph searches only where there
+/// are enough grasps to tell one set of faces from another ([`joint::correct`]); of fewer, what the
+/// tracker's own faces, parallel and square ones among them, say about all poses together is better than
+/// what a filter made of one grasp after the other.
+fn corrected(graph: Kind, log: &GraspLog, steps: &[Step]) -> Option<Vec<Step>> {
+    if let Some(corrected) = graph.correct(log, steps) {
+        return Some(corrected.steps);
+    }
+    if graph != Kind::Planes || steps.len() < FEWEST {
+        return None;
+    }
+    let settled = joint::planes(log, &[steps], SETTLED)?;
+    let flat = settled.explained() >= EXPLAINED && settled.per_degree <= FLAT;
+    flat.then_some(settled.steps)
+}
+
+/// The other poses that the tracker holds possible stay where they are beside its best one.
+fn with_modes(corrected: Vec<Step>, steps: &[Step]) -> Vec<Step> {
+    let moved = |(corrected, step): (Step, &Step)| {
+        let back = step.pose.inverse();
+        let modes =
+            step.modes.iter().map(|(mode, weight)| (corrected.pose * (back * mode), *weight));
+        Step { modes: modes.collect(), ..corrected }
+    };
+    corrected.into_iter().zip(steps).map(moved).collect()
+}
+
+/// Whether the tracker could not explain the last grasp.
+pub(super) fn is_lost(steps: &[Step]) -> bool {
+    steps.last().is_some_and(|s| s.status == Status::Lost)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quantity::Deviation;
+    use crate::sim::{Options, Simulation, simulate};
+    use crate::slam::gauge::gauge;
+    use crate::slam::trackers;
+
+    fn simulation(object: &str, grasps: usize, seed: u64) -> Simulation {
+        let motion_noise = Deviation { length: 5e-3, angle: 10f64.to_radians() };
+        let spec = object.parse().unwrap();
+        simulate(&Options { grasps: Some(grasps), motion_noise, seed, ..Options::new(spec) })
+            .unwrap()
+    }
+
+    /// Root mean square turn of the poses off the true ones, radians.
+    fn turned(simulation: &Simulation, steps: &[Step]) -> f64 {
+        let frame = gauge(&simulation.log, steps, &simulation.geometry).unwrap().inverse();
+        let off = simulation.log.grasps.iter().zip(steps).map(|(grasp, step)| {
+            (step.pose * frame).rotation.angle_to(&grasp.truth.unwrap().rotation).powi(2)
+        });
+        (off.sum::<f64>() / steps.len() as f64).sqrt()
+    }
+
+    #[test]
+    fn a_few_grasps_of_flat_faces_are_corrected_together() {
+        let error = |graph: Kind| {
+            let mut errors: Vec<f64> = (1000..1009)
+                .map(|seed| {
+                    let simulation = simulation("rectangle:0.1x0.06", 5, seed);
+                    let log = &simulation.log;
+                    let steps = trackers::Kind::Hypotheses.follow(log, seed);
+                    turned(&simulation, &corrected(graph, log, &steps).unwrap_or(steps))
+                })
+                .collect();
+            errors.sort_by(f64::total_cmp);
+            errors[4]
+        };
+        let (alone, together) = (error(Kind::None), error(Kind::Planes));
+        assert!(together < 0.8 * alone, "{together} {alone}");
+    }
+
+    #[test]
+    fn what_is_curved_or_hardly_felt_stays_with_the_tracker() {
+        let accepted = |object: &str, grasps: usize| {
+            let one = |seed: &u64| {
+                let log = simulation(object, grasps, *seed).log;
+                let steps = trackers::Kind::Hypotheses.follow(&log, *seed);
+                corrected(Kind::Planes, &log, &steps).is_some()
+            };
+            (1000..1012).filter(one).count()
+        };
+        assert_eq!(accepted("rectangle:0.1x0.06", 2), 0);
+        let (flat, curved) = (accepted("rectangle:0.1x0.06", 6), accepted("ellipse:0.08x0.06", 6));
+        assert!(flat >= 9 && curved <= 6, "{flat} {curved}");
+    }
+
+    #[test]
+    fn modes_stay_beside_the_best_one() {
+        let at = |x: f64, turn: f64| {
+            let turn = nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, turn);
+            Pose::from_parts(nalgebra::Translation3::new(x, 0.0, 0.0), turn)
+        };
+        let step = Step {
+            modes: vec![(at(0.1, 0.2), 0.7), (at(0.1, 0.5), 0.3)],
+            ..Step::certain(at(0.1, 0.2))
+        };
+        let moved = with_modes(vec![Step { pose: at(0.2, 1.0), ..step.clone() }], &[step]);
+        let [(best, _), (other, weight)] = moved[0].modes[..] else { panic!() };
+        assert!((best.translation.vector.x - 0.2).abs() < 1e-12);
+        assert!((other.rotation.angle() - 1.3).abs() < 1e-12 && weight == 0.3);
+    }
+}
