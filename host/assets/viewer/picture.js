@@ -106,9 +106,12 @@ class Picture {
       const every = (list, most) => list.filter((_, i) => i % Math.ceil(list.length / most) === 0);
       const surface = this.scene.surfaces[this.scene.surfaces.length - 1];
       const { middle, reach } = this.extent();
-      const own = surface
+      const body = surface
         ? this.keep(surface, "outermost", () => outermost(surface.vertices, 3, surface.vertices.length / 3))
         : outermost(contacts.data, 6, contacts.count);
+      // Candidates stand around the object: most of each is to be seen.
+      const around = this.present().candidates ? [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]] : [];
+      const own = [...body, ...around.slice(0, this.flat() ? 4 : 6).map((axis) => Vector.add(middle, Vector.scale(axis, 1.3 * reach)))];
       if (!own.length) own.push(middle);
       const truth = (g) => (g.truth && gauge ? [Pose.compose(g.truth, Pose.inverse(gauge))] : []);
       const places = this.riding ? [Pose.identity] : every(grasps, 150).flatMap((g) => [g.place, ...truth(g)]);
@@ -116,8 +119,7 @@ class Picture {
       const box = points.length ? boxOf(points.flat(), 3, points.length) : null;
       if (!box) return { middle, half: [reach, reach, reach], reach, points: [[reach, 0, 0]] };
       const centre = Vector.scale(Vector.add(box.low, box.high), 0.5);
-      // Candidates stand around the object.
-      const room = this.present().candidates ? 1.6 : 1.08;
+      const room = 1.08;
       const half = Vector.subtract(box.high, centre).map((h) => Math.max(room * h, 0.2 * reach));
       return { middle: centre, half, reach: Math.hypot(...half), points: points.map((point) => Vector.scale(Vector.subtract(point, centre), room)) };
     });

@@ -71,26 +71,22 @@ fn is_log(file: &Path) -> bool {
 const NAMED: usize = 6;
 
 /// A page shows what there is, and says what there is not: of a file that is neither a log nor a recording,
-/// nothing.
+/// anything.
 fn page(args: &ReplayArgs) -> Result<u64, Error> {
-    let write = |scene: &Scene| {
-        write_atomically(&args.output, |out| html::write(scene, out))
-            .map_err(|e| unwritable(&args.output, e))
-    };
     let scene = match scene(args) {
         Err(error) if args.file.is_file() => {
             let missing = vec![format!("There is nothing to show. {error}")];
             let name = args.file.file_name().unwrap_or_default().to_string_lossy();
             let meta = Meta { missing, ..Meta::new(3, name) };
-            write(&Scene { meta, grasps: vec![], surfaces: vec![], choices: vec![] })?;
-            return Err(error);
+            Scene { meta, grasps: Vec::new(), surfaces: Vec::new(), choices: Vec::new() }
         }
         told => told?,
     };
     for missing in &scene.meta.missing {
         warn(format_args!("{}: {missing}", args.file.display()));
     }
-    write(&scene)?;
+    write_atomically(&args.output, |out| html::write(&scene, out))
+        .map_err(|e| unwritable(&args.output, e))?;
     Ok(scene.grasps.iter().map(|g| g.merged).sum())
 }
 

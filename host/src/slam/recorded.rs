@@ -2,12 +2,14 @@
 //! hours are no trouble.
 
 use std::cell::RefCell;
-use std::io::{self, Write};
+use std::io::{self, BufRead, Write};
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::sync_channel;
+use std::thread;
 
 use nalgebra::{Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-use crate::log::recording::{Header, Pieces, RecordingError};
+use crate::log::recording::{Header, Piece, Pieces, RecordingError};
 use crate::log::replayed::{Heard, Rest, listen};
 use crate::log::{LoggedGrasp, Noise};
 use crate::reference::Contact;
@@ -73,13 +75,7 @@ impl Recorded {
         let dimension = header.dimension;
         let mut timeline = Timeline::default();
         let (mut count, mut begun) = (0, 0);
-        let mut failed: Option<io::Error> = None;
-        let mut sound = std::iter::from_fn(|| {
-            let piece = pieces.next()?.map_err(|e| failed = Some(e)).ok();
-            tell(&pieces, progress);
-            piece
-        });
-        let rest = listen(&header, &mut sound, &mut |heard| match heard {
+        let mut hear = |heard| match heard {
             Heard::Forgotten => {
                 timeline = Timeline::default();
                 (count, begun) = (0, begun + 1);
@@ -95,7 +91,9 @@ impl Recorded {
                     None => Grasp::felt(&grasp),
                 });
             }
-        });
+        };
+        let (rest, failed) =
+            ahead(&mut pieces, progress, |pieces| listen(&header, pieces, &mut hear));
         let mut missing = Vec::new();
         if let Some(error) = failed {
             missing.push(format!("The recording could not be read to its end: {error}."));
@@ -194,19 +192,18 @@ impl Recorded {
         };
         let mut before = self.begun;
         let failed: RefCell<Option<io::Error>> = RefCell::new(None);
-        // After an error nothing more is listened to.
-        let mut sound = std::iter::from_fn(|| {
-            let piece = pieces.next()?.ok().filter(|_| failed.borrow().is_none());
-            tell(&pieces, progress);
-            piece
-        });
-        listen(&self.header, &mut sound, &mut |heard| match heard {
+        let mut hear = |heard| match heard {
             Heard::Forgotten => before = before.saturating_sub(1),
             Heard::Grasp(grasp, estimate) if before == 0 && failed.borrow().is_none() => {
                 let estimate = estimate.as_ref().map(Step::from);
                 *failed.borrow_mut() = put(&grasp, estimate.as_ref()).err();
             }
             Heard::Grasp(..) => {}
+        };
+        ahead(&mut pieces, progress, |pieces| {
+            // After an error nothing more is listened to.
+            let mut pieces = pieces.take_while(|_| failed.borrow().is_none());
+            listen(&self.header, &mut pieces, &mut hear)
         });
         if let Some(error) = failed.into_inner() {
             return Err(error);
@@ -215,12 +212,41 @@ impl Recorded {
     }
 }
 
-/// How much of a file is read.
-fn tell<R>(pieces: &Pieces<R>, progress: Progress<'_>) {
+/// Pieces that are handed over together, and how many such hands may wait.
+const BATCH: usize = 1_024;
+const WAITING: usize = 8;
+
+/// What `work` makes of the pieces, which are read and checked on another thread before it needs them, and
+/// why they ended too early, where they did. `progress` is told in megabytes.
+fn ahead<R: BufRead + Send, T>(
+    pieces: &mut Pieces<R>,
+    progress: Progress<'_>,
+    work: impl FnOnce(&mut dyn Iterator<Item = Piece>) -> T,
+) -> (T, Option<io::Error>) {
     const MEGABYTE: u64 = 1 << 20;
-    if let (done, Some(all)) = pieces.bytes {
-        progress((done / MEGABYTE) as usize, all.div_ceil(MEGABYTE) as usize);
-    }
+    thread::scope(|scope| {
+        let (send, receive) = sync_channel::<Vec<Piece>>(WAITING);
+        let reader = scope.spawn(move || {
+            let mut failed = None;
+            loop {
+                let sound = pieces.by_ref().map_while(|p| p.map_err(|e| failed = Some(e)).ok());
+                let batch: Vec<Piece> = sound.take(BATCH).collect();
+                if let (done, Some(all)) = pieces.bytes {
+                    progress((done / MEGABYTE) as usize, all.div_ceil(MEGABYTE) as usize);
+                }
+                let last = batch.len() < BATCH;
+                // Nobody takes it where `work` has seen enough.
+                if send.send(batch).is_err() || last {
+                    return failed;
+                }
+            }
+        });
+        let made = work(&mut receive.into_iter().flatten());
+        let failed = reader
+            .join()
+            .unwrap_or_else(|_| Some(io::Error::other("the thread that reads it broke off")));
+        (made, failed)
+    })
 }
 
 /// Surfaces of the contacts that the timeline holds, at its poses, and the name of their model; none
