@@ -45,8 +45,10 @@ fn what_does_not_close_is_shown_about_the_contacts() {
     let contacts = [at(0.0, 0.0), at(0.2, 0.1)];
     let closed = subdivided(&cube(), 0.05);
     let deviations: Vec<f64> = (0..closed.vertices().len()).map(|i| i as f64).collect();
-    let whole = about(closed.clone(), deviations.clone(), &contacts);
-    assert_eq!(whole, (Geometry::Mesh(closed.clone()), deviations.clone()), "it closes");
+    let (Geometry::Mesh(whole), _) = about(closed.clone(), deviations.clone(), &contacts) else {
+        panic!()
+    };
+    assert_eq!(whole.triangles(), closed.triangles(), "it closes");
 
     let triangles = closed.triangles()[1..].to_vec();
     let open = Mesh::new(closed.vertices().to_vec(), triangles).unwrap();
