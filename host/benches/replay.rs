@@ -13,9 +13,9 @@ use tactile_core::track::{Estimate, Modes, Observability, Status};
 use tactile_core::wire::{
     Command, ContactFrame, EstimateFrame, Frame, MAX_FRAME, Reply, Report, encode,
 };
-use tactile_host::log::recording::{Direction, Header, Recording, RecordingWriter};
-use tactile_host::slam::replay::of_recording;
-use tactile_host::view::{html, mcap};
+use tactile_host::log::recording::{Direction, Header, RecordingWriter};
+use tactile_host::slam::recorded::Recorded;
+use tactile_host::view::html;
 
 const GRASPS: u32 = 30 * 60 * 200;
 const FINGERS: u32 = 5;
@@ -101,7 +101,7 @@ fn half_an_hour_as_a_page(bencher: Bencher) {
     let (folder, from) = recorded();
     let to = folder.path().join("long.html");
     bencher.bench_local(|| {
-        let scene = of_recording(&from).unwrap();
+        let scene = Recorded::read(&from, &|_, _| ()).unwrap().scene();
         html::write(&scene, &mut fs::File::create(&to).map(std::io::BufWriter::new).unwrap())
     });
     tell("recording", &from);
@@ -113,19 +113,8 @@ fn half_an_hour_as_mcap(bencher: Bencher) {
     let (folder, from) = recorded();
     let to = folder.path().join("long.mcap");
     bencher.bench_local(|| {
-        let replayed = Recording::read(&from).unwrap().replay();
-        let steps = replayed.steps();
-        mcap::write(
-            &to,
-            &mcap::Contents {
-                title: "half an hour",
-                log: &replayed.log,
-                steps: &steps,
-                surfaces: &[],
-                truth: None,
-                report: None,
-            },
-        )
+        let mut out = fs::File::create(&to).map(std::io::BufWriter::new).unwrap();
+        Recorded::read(&from, &|_, _| ()).unwrap().film(&mut out, &|_, _| ()).unwrap();
     });
     tell("MCAP", &to);
 }

@@ -3,14 +3,15 @@
 //! `TACTILE_REQUIRE_BROWSER=1` makes that a failure.
 
 use std::fs::{self, File};
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::process::{Child, ChildStderr, Command, Stdio};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use serde_json::{Value, json};
 use tactile_host::view::html;
+use tactile_host::view::live::LiveView;
 use tactile_host::view::scene::{Grasp, Meta, Packed, Scene, Shape, Surface};
 use tempfile::TempDir;
 use tungstenite::stream::MaybeTlsStream;
@@ -132,29 +133,43 @@ impl Page {
     }
 }
 
-/// `tactile live` on the bundled recording, ten grasps of five contacts, at this port.
-fn live(folder: &Path, port: u16, pace: &str) -> (Ends, String) {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_tactile"))
-        .args(["live", "--port", "virtual", "--tracker", "hypotheses", "--quiet", "--json"])
-        .args(["--out", "out", "--pace", pace, "--view", &port.to_string()])
-        .current_dir(folder)
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut said = BufReader::new(child.stderr.take().unwrap());
-    let running = Ends(child);
-    let mut line = String::new();
-    said.read_line(&mut line).unwrap();
-    // Nobody finds the view without: said however quiet it should be.
-    let address = line.trim().strip_prefix("live view at ").expect(&line).to_owned();
-    (running, address)
+/// A session with a live view, and what it says on standard error after the view's address.
+struct Session {
+    running: Ends,
+    address: String,
+    said: BufReader<ChildStderr>,
+}
+
+impl Session {
+    /// `tactile live` on the bundled recording, ten grasps of five contacts.
+    fn live(folder: &Path, options: &str) -> Session {
+        Session::start(folder, &format!("live --tracker hypotheses {options}"))
+    }
+
+    fn start(folder: &Path, line: &str) -> Session {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_tactile"))
+            .args(line.split(' '))
+            .args(["--quiet", "--json", "--out", "out"])
+            .current_dir(folder)
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut said = BufReader::new(child.stderr.take().unwrap());
+        let running = Ends(child);
+        let mut line = String::new();
+        said.read_line(&mut line).unwrap();
+        // Nobody finds the view without: said however quiet it should be.
+        let address = line.trim().strip_prefix("live view at ").expect(&line).to_owned();
+        Session { running, address, said }
+    }
 }
 
 #[test]
 fn a_page_shows_a_session_and_connects_again_to_the_next() {
     let folder = tempfile::tempdir().unwrap();
-    let (first, address) = live(folder.path(), 0, "600");
+    let first = Session::live(folder.path(), "--port virtual --pace 600 --view 0");
+    let address = first.address.clone();
     let Some(mut page) = Page::open(&address) else { return };
     // The first grasp, and then the hand rests.
     page.until("player.scene.grasps.length === 1 && player.drawn?.points === 5");
@@ -163,9 +178,10 @@ fn a_page_shows_a_session_and_connects_again_to_the_next() {
     page.until("document.getElementById('live').textContent === 'connecting again'");
     assert_eq!(page.value("player.scene.grasps.length"), 1, "what was told stays");
 
-    let port = address.trim_end_matches('/').rsplit_once(':').unwrap().1.parse().unwrap();
-    let (_second, again) = live(folder.path(), port, "0.02");
-    assert_eq!(again, address);
+    let port = address.trim_end_matches('/').rsplit_once(':').unwrap().1;
+    let options = format!("--port virtual --pace 0.02 --view {port}");
+    let second = Session::live(folder.path(), &options);
+    assert_eq!(second.address, address);
     page.until("player.scene.ended && player.scene.grasps.length === 10");
     page.until("player.drawn.points === 50 && player.scene.surfaces.length > 0");
     assert_eq!(page.value("document.getElementById('live').textContent"), "ended");
@@ -174,23 +190,92 @@ fn a_page_shows_a_session_and_connects_again_to_the_next() {
 }
 
 #[test]
+fn a_page_shows_the_firmware_at_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = Session::live(folder.path(), "--port qemu --view 0");
+    let Some(mut page) = Page::open(&session.address) else { return };
+    let start = Instant::now();
+    while page.value("player.scene.ended") != true {
+        if session.running.0.try_wait().unwrap().is_some() {
+            let mut said = String::new();
+            session.said.read_to_string(&mut said).unwrap();
+            let required = std::env::var_os("TACTILE_REQUIRE_FIRMWARE").is_some_and(|v| v == "1");
+            assert!(said.contains("install") && !required, "{said}");
+            eprintln!("skipped: {said}");
+            return;
+        }
+        assert!(start.elapsed() < 3 * PATIENCE, "{}", page.value("player.scene.grasps.length"));
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    page.until("player.drawn.points === 50 && player.scene.surfaces.length > 0");
+    assert_eq!(page.value("player.scene.grasps.every((g) => g.pose && g.touched === 5)"), true);
+    let tracker = page.value("player.scene.meta.tracker");
+    assert_eq!(tracker, "hypotheses on the board");
+    assert_eq!(page.value("player.notes"), json!([]));
+    assert!(page.complaints.is_empty(), "{:?}", page.complaints);
+}
+
+/// Says how long it takes from a grasp to its picture.
+#[test]
+fn pages_follow_what_is_told_grasp_by_grasp() {
+    const GRASPS: u64 = 60;
+    let view = LiveView::open("127.0.0.1", 0).unwrap();
+    view.begin(&Meta::new(2, "touches"));
+    let Some(mut first) = Page::open(&view.url()) else { return };
+    let mut second = Page::open(&view.url()).unwrap();
+    for page in [&mut first, &mut second] {
+        page.until("player.scene.meta !== null");
+        // When each grasp was on the canvas.
+        page.value(
+            "(() => { \
+               window.seen = []; \
+               const frame = player.frame.bind(player); \
+               player.frame = (now) => { \
+                 frame(now); \
+                 while (seen.length < player.scene.grasps.length) seen.push(Date.now()); \
+               }; \
+             })()",
+        );
+    }
+    assert_eq!(view.viewers(), 2);
+    let mut told = Vec::new();
+    for number in 0..GRASPS {
+        let at = 0.001 * number as f32;
+        told.push(SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64() * 1e3);
+        view.grasp(Grasp {
+            grasp: number,
+            merged: 1,
+            touched: 1,
+            pose: Some([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
+            contacts: Packed(vec![at, 0.02, 0.0, 0.0, 1.0, 0.0]),
+            fingers: Packed(vec![0]),
+            ..Grasp::default()
+        });
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    view.end();
+    for page in [&mut first, &mut second] {
+        page.until(&format!("player.scene.ended && seen.length === {GRASPS}"));
+        assert_eq!(page.value("player.drawn.points"), GRASPS);
+        assert_eq!(page.value("player.notes"), json!([]));
+        let seen = page.value("seen");
+        let seen = seen.as_array().unwrap().iter().filter_map(Value::as_f64);
+        let mut late: Vec<f64> = seen.zip(&told).map(|(seen, told)| seen - told).collect();
+        late.sort_by(f64::total_cmp);
+        eprintln!(
+            "from a grasp to its picture: median {:.0} ms, at most {:.0} ms",
+            late[late.len() / 2],
+            late[late.len() - 1]
+        );
+    }
+}
+
+#[test]
 fn a_page_shows_an_exploration_with_its_candidates() {
     let folder = tempfile::tempdir().unwrap();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_tactile"))
-        .args(["explore", "--object", "rectangle:0.10x0.06", "--count", "20", "--seed", "1"])
-        .args(["--quiet", "--json", "--out", "out", "--view", "0"])
-        .current_dir(folder.path())
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut said = BufReader::new(child.stderr.take().unwrap());
-    let _running = Ends(child);
-    let mut line = String::new();
-    said.read_line(&mut line).unwrap();
-    let Some(mut page) = Page::open(line.trim().strip_prefix("live view at ").expect(&line)) else {
-        return;
-    };
+    let line = "explore --object rectangle:0.10x0.06 --count 20 --seed 1 --view 0";
+    let session = Session::start(folder.path(), line);
+    let Some(mut page) = Page::open(&session.address) else { return };
     page.until("player.scene.ended");
     let choices = page.value("player.scene.choices.length").as_u64().unwrap();
     // Closings at the start that felt nothing are grasps too, but nobody chose after them.
@@ -262,8 +347,26 @@ fn large() -> Scene {
     }
 }
 
-/// Says what a frame costs the page's script; the rest is the graphics card's, which no test machine
-/// need have.
+/// Adds up what is sent to the graphics card: calls that draw, and bytes of vertices; and waits for it
+/// where asked.
+const COUNTED: &str = "(() => { \
+    const { gl } = player.renderer; \
+    const sent = { calls: 0, bytes: 0, finish: () => gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)) }; \
+    const count = (name, add) => { \
+      const own = gl[name].bind(gl); \
+      gl[name] = (...all) => { add(all); return own(...all); }; \
+    }; \
+    for (const name of ['drawArrays', 'drawArraysInstanced', 'drawElements', 'drawElementsInstanced']) { \
+      count(name, () => (sent.calls += 1)); \
+    } \
+    count('bufferData', ([, data]) => (sent.bytes += data.byteLength ?? data)); \
+    count('bufferSubData', ([, , data, , length]) => (sent.bytes += length === undefined ? data.byteLength : 4 * length)); \
+    count('texImage2D', () => (sent.bytes += Infinity)); \
+    window.sent = sent; \
+  })()";
+
+/// Says what a frame costs the page's script. How long the graphics card takes is another matter, and no
+/// test machine need have one: it is told so little that it can.
 #[test]
 fn a_large_scene_is_drawn_whole_frame_by_frame() {
     let folder = tempfile::tempdir().unwrap();
@@ -289,5 +392,40 @@ fn a_large_scene_is_drawn_whole_frame_by_frame() {
     eprintln!("script a frame: median {} ms, at most {} ms", seen["median"], seen["most"]);
     assert!(seen["drawn"]["triangles"].as_u64().unwrap() >= 100_000, "{seen}");
     assert!(seen["drawn"]["points"].as_u64().unwrap() >= 9_990, "{seen}");
+
+    // Turning the view sends nothing but a few matrices; playing, what is new of every grasp.
+    let frames = |change: &str| {
+        format!(
+            "(() => {{ \
+               player.frame(performance.now()); \
+               const [calls, bytes, start] = [sent.calls, sent.bytes, performance.now()]; \
+               for (let i = 0; i < 5; i++) {{ {change}; player.frame(performance.now()); }} \
+               const script = performance.now() - start; \
+               sent.finish(); \
+               return {{ calls: (sent.calls - calls) / 5, bytes: (sent.bytes - bytes) / 5, \
+                        script: script / 5, whole: (performance.now() - start) / 5 }}; \
+             }})()"
+        )
+    };
+    page.value(COUNTED);
+    let turned = page.value(&frames("player.camera.orbit(0.05, 0)"));
+    eprintln!("a frame while turning: {turned}");
+    assert!((1.0..=12.0).contains(&turned["calls"].as_f64().unwrap()), "{turned}");
+    assert_eq!(turned["bytes"], 0, "{turned}");
+    let played = page.value(&frames("player.time = 1900 + i + 0.25"));
+    eprintln!("a frame while playing: {played}");
+    assert!((1.0..=12.0).contains(&played["calls"].as_f64().unwrap()), "{played}");
+    assert!((1.0..=1_000.0).contains(&played["bytes"].as_f64().unwrap()), "{played}");
+    // A grasp that comes costs what it holds, and not what came before.
+    let grasp = "player.receive(JSON.stringify({ type: 'grasp', grasp: 2000 + i, merged: 1, touched: 5, \
+                 pose: [0, 0, 0, 0, 0, 0, 1], contacts: btoa(String.fromCharCode(...new Uint8Array( \
+                 new Float32Array(30).fill(0.05).buffer))), fingers: btoa('\\0\\1\\2\\3\\4') }))";
+    let came = page.value(&frames(grasp));
+    eprintln!("a frame with a new grasp: {came}");
+    assert_eq!(page.value("player.scene.grasps.length"), 2_005);
+    assert_eq!(page.value("player.scene.contacts.count"), 10_025);
+    assert_eq!(page.value("player.notes"), json!([]));
+    // Its contacts, their normals and the path of the object: 40 bytes a grasp.
+    assert!(came["bytes"].as_f64().unwrap() <= 100_000.0, "{came}");
     assert!(page.complaints.is_empty(), "{:?}", page.complaints);
 }

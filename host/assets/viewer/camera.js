@@ -25,13 +25,23 @@ class Camera {
     }, { passive: false });
   }
 
-  // Has a box about `middle` in view, `half` as large to each side, no corner farther than `reach`.
-  fit({ middle, half, reach }) {
+  // Has a box about `middle` in view, `half` as large to each side, no corner farther than `reach`; in
+  // space the points in it, given from its middle.
+  fit({ middle, half, reach, points }) {
     this.target = middle;
     this.reach = reach;
-    const free = 0.88;
-    if (this.flat) this.distance = Math.max(half[1], half[0] / this.aspect(), 1e-4) / free;
-    else this.distance = reach / Math.sin(Camera.HALF) / Math.min(1, this.aspect()) * 0.8;
+    if (this.flat) {
+      this.distance = Math.max(half[1], half[0] / this.aspect(), 1e-4) / Camera.FREE;
+    } else {
+      // From where the last of them is just within the view.
+      const { right, up, towards } = this.axes();
+      const [across, high] = [Camera.FREE * Math.tan(Camera.HALF) * this.aspect(), Camera.FREE * Math.tan(Camera.HALF)];
+      this.distance = 1e-3;
+      for (const point of points) {
+        const needed = Math.max(Math.abs(Vector.dot(point, right)) / across, Math.abs(Vector.dot(point, up)) / high);
+        this.distance = Math.max(this.distance, Vector.dot(point, towards) + needed);
+      }
+    }
     this.changed();
   }
 
@@ -138,3 +148,6 @@ class Camera {
 
 // Half the vertical angle of view.
 Camera.HALF = 0.3;
+
+// Share of the view that what is fitted into it takes up.
+Camera.FREE = 0.88;

@@ -239,7 +239,7 @@ function range({ series, signed, wide }) {
     for (let ten = 10 ** Math.floor(Math.log10(bottom)); ten <= high * 10; ten *= 10) if (ten >= bottom) ticks.push(ten);
     return { low: bottom, high: niceAbove(high), ticks: ticks.filter((t) => t <= niceAbove(high)), scale: Math.log };
   }
-  const step = niceAbove(Math.max((high - low) / 3, 1e-3));
+  const step = niceAbove(Math.max((high - low) / 3, 1e-2));
   low = Math.floor(low / step + 1e-9) * step;
   high = Math.max(Math.ceil(high / step - 1e-9) * step, low + step);
   const ticks = Array.from({ length: Math.round((high - low) / step) + 1 }, (_, i) => low + i * step);

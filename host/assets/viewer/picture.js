@@ -105,20 +105,23 @@ class Picture {
       const { grasps, gauge, contacts } = this.scene;
       const every = (list, most) => list.filter((_, i) => i % Math.ceil(list.length / most) === 0);
       const surface = this.scene.surfaces[this.scene.surfaces.length - 1];
-      const [numbers, stride] = surface ? [surface.vertices, 3] : [contacts.data.subarray(0, 6 * contacts.count), 6];
-      const own = every(Array.from({ length: numbers.length / stride }, (_, i) => numbers.subarray(stride * i, stride * i + 3)), 200);
       const { middle, reach } = this.extent();
+      const body = surface
+        ? this.keep(surface, "outermost", () => outermost(surface.vertices, 3, surface.vertices.length / 3))
+        : outermost(contacts.data, 6, contacts.count);
+      // Candidates stand around the object: most of each is to be seen.
+      const around = this.present().candidates ? [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]] : [];
+      const own = [...body, ...around.slice(0, this.flat() ? 4 : 6).map((axis) => Vector.add(middle, Vector.scale(axis, 1.3 * reach)))];
       if (!own.length) own.push(middle);
       const truth = (g) => (g.truth && gauge ? [Pose.compose(g.truth, Pose.inverse(gauge))] : []);
-      const places = this.riding ? [Pose.identity] : every(grasps.flatMap((g) => [g.place, ...truth(g)]), 300);
+      const places = this.riding ? [Pose.identity] : every(grasps, 150).flatMap((g) => [g.place, ...truth(g)]);
       const points = places.flatMap((place) => own.map((point) => Pose.apply(place, point)));
       const box = points.length ? boxOf(points.flat(), 3, points.length) : null;
-      if (!box) return { middle, half: [reach, reach, reach], reach };
+      if (!box) return { middle, half: [reach, reach, reach], reach, points: [[reach, 0, 0]] };
       const centre = Vector.scale(Vector.add(box.low, box.high), 0.5);
-      // Candidates stand around the object.
-      const room = this.present().candidates ? 1.6 : 1.08;
+      const room = 1.08;
       const half = Vector.subtract(box.high, centre).map((h) => Math.max(room * h, 0.2 * reach));
-      return { middle: centre, half, reach: Math.hypot(...half) };
+      return { middle: centre, half, reach: Math.hypot(...half), points: points.map((point) => Vector.scale(Vector.subtract(point, centre), room)) };
     });
   }
 
@@ -156,7 +159,7 @@ class Picture {
     const mesh = this.keep(this.scene.truth, "mesh", () => meshOf(this.scene.truth.vertices, this.scene.truth.triangles, null));
     const lines = this.keep(this.scene.truth, `edges ${theme}`, () => edgesOf(this.scene.truth, ink));
     return [
-      { kind: "mesh", mesh, model, tint: ink, opacity: 0.5, rim: 1, lit: 0, ghost: true },
+      { kind: "mesh", mesh, model, tint: ink, opacity: 0.25, rim: 1, lit: 0, ghost: true },
       { kind: "lines", lines, model, width: 1.5, opacity: 0.9 },
       { kind: "lines", lines, model, width: 1, opacity: 0.22, onTop: true, ghost: true },
     ];
@@ -278,6 +281,23 @@ class Picture {
   gridStep() {
     return niceAbove(this.bounds().reach / 8);
   }
+}
+
+// Of points, those that are farthest out in each of 26 directions: their box is that of all, however it
+// is turned, but for a little.
+function outermost(numbers, stride, count) {
+  if (!count) return [];
+  const directions = [];
+  for (let k = 0; k < 27; k++) if (k !== 13) directions.push([(k % 3) - 1, (Math.floor(k / 3) % 3) - 1, Math.floor(k / 9) - 1]);
+  const best = directions.map(() => [-Infinity, 0]);
+  for (let i = 0; i < count; i++) {
+    const [x, y, z] = [numbers[stride * i], numbers[stride * i + 1], numbers[stride * i + 2]];
+    for (let d = 0; d < directions.length; d++) {
+      const far = directions[d][0] * x + directions[d][1] * y + directions[d][2] * z;
+      if (far > best[d][0]) best[d] = [far, i];
+    }
+  }
+  return [...new Set(best.map(([, i]) => i))].map((i) => [...numbers.subarray(stride * i, stride * i + 3)]);
 }
 
 // Segments [from, to, colour, opacity] as the ten numbers of each.

@@ -128,10 +128,9 @@ class Player {
       this.describe();
     }
     if (message.type !== "meta" && newest && !this.playing) this.time = Math.max(this.scene.grasps.length - 1, 0);
-    if (message.type === "grasp" && (before === 0 || !this.touched)) this.fit();
-    if (message.type === "surface" && !this.touched) this.fit();
+    // With the next frame: many messages may come before it.
+    if (message.type === "grasp" && before === 0) this.touched = false;
     if (this.scene.ended) this.state("ended", false);
-    this.legend();
     this.stale();
   }
 
@@ -222,6 +221,7 @@ class Player {
       if (name === "contacts") scale(Colour.gradient(Colour.grasp), "first grasp", "last");
     }
     this.element("keys").replaceChildren(...rows);
+    this.element("legend").hidden = !rows.length;
   }
 
   setTheme(theme) {
@@ -278,8 +278,8 @@ class Player {
       event.preventDefault();
       action();
     });
-    const small = matchMedia("(max-width: 760px)");
-    this.element("legend").open = !small.matches;
+    // It would hide the scene.
+    this.element("legend").open = matchMedia("(min-width: 1000px)").matches;
     let before = "";
     new ResizeObserver(([{ contentRect }]) => {
       const size = `${contentRect.width} ${contentRect.height}`;
@@ -362,6 +362,11 @@ class Player {
       }
     }
     const start = performance.now();
+    if (this.shown !== this.scene.version) {
+      this.shown = this.scene.version;
+      this.legend();
+      if (!this.touched) this.camera.fit(this.picture.bounds());
+    }
     // New charts leave less room for the scene.
     this.charts.refresh();
     this.drawn = this.renderer.draw(this.picture.list(this.time), this.camera, this.look);
@@ -432,7 +437,7 @@ class Player {
     const grasp = grasps[at];
     const box = this.element("readout");
     if (!grasp) {
-      box.textContent = "no grasp yet";
+      box.textContent = this.scene.ended ? "no grasp" : "no grasp yet";
       this.readKey = "";
       return;
     }

@@ -174,16 +174,19 @@ class Scene {
 
   // The end of the scale of deviations, metres: round, and most of the last surface lies below.
   scaleEnd() {
-    const surface = this.surfaces[this.surfaces.length - 1];
-    const known = surface ? surface.deviations.filter((d) => d >= 0).sort() : [];
-    const most = known.length ? known[Math.floor(0.95 * (known.length - 1))] : 1e-3;
-    return niceAbove(Math.max(1e3 * most, 0.2)) / 1e3;
+    const surface = this.surfaces[this.surfaces.length - 1] ?? { deviations: [] };
+    surface.scaleEnd ??= (() => {
+      const known = surface.deviations.filter((d) => d >= 0).sort();
+      const most = known.length ? known[Math.floor(0.95 * (known.length - 1))] : 1e-3;
+      return niceAbove(Math.max(1e3 * most, 0.2)) / 1e3;
+    })();
+    return surface.scaleEnd;
   }
 
   // The object's middle and reach, metres, object frame.
   extent() {
     const surface = this.surfaces[this.surfaces.length - 1];
-    let box = surface ? boxOf(surface.vertices, 3, surface.vertices.length / 3) : null;
+    let box = surface ? (surface.box ??= boxOf(surface.vertices, 3, surface.vertices.length / 3)) : null;
     box ??= boxOf(this.contacts.data, 6, this.contacts.count);
     if (!box && this.truth) box = boxOf(this.truth.vertices, 3, this.truth.vertices.length / 3);
     box ??= { low: [-0.05, -0.05, -0.05], high: [0.05, 0.05, 0.05] };

@@ -185,6 +185,18 @@ class WebGl {
     buffers.forEach((buffer) => this.gl.deleteBuffer(buffer));
   }
 
+  // Sends the points that came since the last time.
+  append(kept, { data, owner, count }) {
+    const gl = this.gl;
+    const [from, each] = [kept.sent ?? count, data.length / owner.length];
+    kept.sent = count;
+    if (from >= count) return;
+    [[data, each], [owner, 1]].forEach(([numbers, size], i) => {
+      gl.bindBuffer(gl.ARRAY_BUFFER, kept.buffers[i]);
+      gl.bufferSubData(gl.ARRAY_BUFFER, 4 * size * from, numbers, size * from, size * (count - from));
+    });
+  }
+
   // A vertex array of [name, numbers to an attribute, data]; `shared` corners make it instanced.
   vertices(program, attributes, shared) {
     const gl = this.gl;
@@ -282,10 +294,12 @@ class WebGl {
     const count = item.count ?? points.count;
     if (!count) return;
     const use = this.programs.points;
-    const kept = this.keep(points, points.version, () => this.vertices(use.program, [
+    // An array has room for more: of points that came since, only those are sent.
+    const kept = this.keep(points, points.data, () => this.vertices(use.program, [
       { data: points.data, parts: [["position", 3], ["normal", 3]] },
       { data: points.owner, parts: [["owner", 1]] },
     ], this.discs));
+    this.append(kept, points);
     this.begin(use, item, frame);
     const set = use.uniforms;
     gl.uniform1f(set.radius, item.radius * frame.ratio);
@@ -296,7 +310,7 @@ class WebGl {
     gl.uniform3f(set.current, ...frame.look.current);
     gl.uniform3f(set.ring, ...frame.look.ring);
     gl.uniform1f(set.hollow, item.hollow ? 1 : 0);
-    gl.uniform1f(set.nearer, item.nearer ?? 0.0004);
+    gl.uniform1f(set.nearer, item.nearer ?? 0.001);
     gl.bindVertexArray(kept.array);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
     drawn.points += count;

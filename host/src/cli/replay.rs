@@ -5,14 +5,15 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::Error;
-use super::terminal::{tell, warn};
+use super::terminal::{Progress, tell, warn};
 use crate::log::GraspLog;
 use crate::log::recording::Recording;
 use crate::log::replayed::Replayed;
 use crate::log::write::write_atomically;
 use crate::slam::output::true_shape;
+use crate::slam::recorded::Recorded;
 use crate::slam::replay;
-use crate::slam::track::Step;
+use crate::view::scene::{Meta, Scene};
 use crate::view::{html, mcap};
 
 /// Turn a recording into a moving scene for a browser, a grasp log, a table, or a file for Foxglove,
@@ -41,7 +42,8 @@ pub enum Format {
     Csv,
     /// A moving scene in one page that any browser opens; what the file lacks is said there
     Html,
-    /// ROS 2 messages: contacts, poses, the true shape; a grasp log has no estimates
+    /// ROS 2 messages: contacts, poses, and the surface as it grows; of a grasp log, which has no
+    /// estimates, contacts and the true shape
     Mcap,
 }
 
@@ -68,9 +70,28 @@ fn is_log(file: &Path) -> bool {
 /// Most lines of a damaged log that are named on the page.
 const NAMED: usize = 6;
 
-/// A page shows what there is, and says what there is not.
+/// A page shows what there is, and says what there is not: of a file that is neither a log nor a recording,
+/// anything.
 fn page(args: &ReplayArgs) -> Result<u64, Error> {
-    let scene = if is_log(&args.file) {
+    let scene = match scene(args) {
+        Err(error) if args.file.is_file() => {
+            let missing = vec![format!("There is nothing to show. {error}")];
+            let name = args.file.file_name().unwrap_or_default().to_string_lossy();
+            let meta = Meta { missing, ..Meta::new(3, name) };
+            Scene { meta, grasps: Vec::new(), surfaces: Vec::new(), choices: Vec::new() }
+        }
+        told => told?,
+    };
+    for missing in &scene.meta.missing {
+        warn(format_args!("{}: {missing}", args.file.display()));
+    }
+    write_atomically(&args.output, |out| html::write(&scene, out))
+        .map_err(|e| unwritable(&args.output, e))?;
+    Ok(scene.grasps.iter().map(|g| g.merged).sum())
+}
+
+fn scene(args: &ReplayArgs) -> Result<Scene, Error> {
+    Ok(if is_log(&args.file) {
         let (log, left_out) = GraspLog::salvage(&args.file).map_err(Error::input)?;
         let mut missing: Vec<String> =
             left_out.iter().take(NAMED).map(|e| format!("Left out: {e}")).collect();
@@ -88,23 +109,22 @@ fn page(args: &ReplayArgs) -> Result<u64, Error> {
         let title = if log.description.is_empty() { &*name } else { &log.description };
         replay::of_log(&log, title, truth.as_ref(), missing)
     } else {
-        replay::of_recording(&args.file).map_err(Error::input)?
-    };
-    for missing in &scene.meta.missing {
-        warn(format_args!("{}: {missing}", args.file.display()));
-    }
-    write_atomically(&args.output, |out| html::write(&scene, out))
-        .map_err(|e| unwritable(&args.output, e))?;
-    Ok(scene.grasps.iter().map(|g| g.merged).sum())
+        recorded(args)?.scene()
+    })
+}
+
+fn recorded(args: &ReplayArgs) -> Result<Recorded, Error> {
+    let reading = Progress::new("reading", "MB");
+    Recorded::read(&args.file, &|done, all| reading.at(done, all)).map_err(Error::input)
 }
 
 fn read(file: &Path) -> Result<Replayed, Error> {
     let recording = Recording::read(file).map_err(Error::input)?;
     let replayed = recording.replay();
-    let name = file.display();
     if replayed.log.grasps.is_empty() {
-        return Err(Error::Input(format!("{name}: expected at least one whole grasp, found none")));
+        return Err(without_grasp(file));
     }
+    let name = file.display();
     for (count, what) in [
         (recording.torn, "bytes of a torn last piece skipped"),
         (recording.damaged, "damaged pieces skipped"),
@@ -117,7 +137,10 @@ fn read(file: &Path) -> Result<Replayed, Error> {
 }
 
 fn log(args: &ReplayArgs) -> Result<u64, Error> {
-    let (log, _) = open(&args.file)?;
+    let log = match is_log(&args.file) {
+        true => GraspLog::read(&args.file).map_err(Error::input)?,
+        false => read(&args.file)?.log,
+    };
     log.write(&args.output).map_err(Error::input)?;
     Ok(log.grasps.len() as u64)
 }
@@ -135,8 +158,27 @@ fn table(args: &ReplayArgs) -> Result<u64, Error> {
     Ok(replayed.log.grasps.len() as u64)
 }
 
+/// What a page says is missing is said here.
 fn film(args: &ReplayArgs) -> Result<u64, Error> {
-    let (log, steps) = open(&args.file)?;
+    if is_log(&args.file) {
+        return film_of_log(args);
+    }
+    let recorded = recorded(args)?;
+    let name = args.file.display();
+    if recorded.count == 0 {
+        return Err(without_grasp(&args.file));
+    }
+    for missing in &recorded.missing {
+        warn(format_args!("{name}: {missing}"));
+    }
+    let writing = Progress::new("writing", "MB");
+    write_atomically(&args.output, |out| recorded.film(out, &|done, all| writing.at(done, all)))
+        .map_err(|e| unwritable(&args.output, e))?;
+    Ok(recorded.count)
+}
+
+fn film_of_log(args: &ReplayArgs) -> Result<u64, Error> {
+    let log = GraspLog::read(&args.file).map_err(Error::input)?;
     let name = args.file.display().to_string();
     let truth = true_shape(&log).unwrap_or_else(|error| {
         warn(format_args!("{name}: {error}; the true shape is left out"));
@@ -145,7 +187,7 @@ fn film(args: &ReplayArgs) -> Result<u64, Error> {
     let contents = mcap::Contents {
         title: if log.description.is_empty() { &name } else { &log.description },
         log: &log,
-        steps: &steps,
+        steps: &[],
         surfaces: &[],
         truth: truth.as_ref(),
         report: None,
@@ -154,14 +196,9 @@ fn film(args: &ReplayArgs) -> Result<u64, Error> {
     Ok(log.grasps.len() as u64)
 }
 
-/// A log, or what a recording holds as one; and what was made of each grasp, which a log does not say.
-fn open(file: &Path) -> Result<(GraspLog, Vec<Option<Step>>), Error> {
-    if is_log(file) {
-        return Ok((GraspLog::read(file).map_err(Error::input)?, Vec::new()));
-    }
-    let replayed = read(file)?;
-    let steps = replayed.steps();
-    Ok((replayed.log, steps))
+fn without_grasp(file: &Path) -> Error {
+    let name = file.display();
+    Error::Input(format!("{name}: expected at least one whole grasp, found none"))
 }
 
 fn unwritable(path: &Path, error: std::io::Error) -> Error {

@@ -11,6 +11,7 @@ use crate::cli::Error;
 use crate::cli::terminal::{note, say};
 use crate::experiment::chapter2::{self, FIGURES};
 use crate::experiment::exploration::{Among, Goal};
+use crate::experiment::figure::{Drawn, FigureError};
 use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{
     calibration, chapter3, chapter4, data, exploration, graphs, localization, memory, outliers,
@@ -215,25 +216,27 @@ struct Outcome {
     name: &'static str,
     text: String,
     json: serde_json::Value,
-    picture: Option<Drawing>,
+    picture: Drawing,
 }
 
 impl Outcome {
-    fn new<T: Display + Serialize>(
-        name: &'static str,
-        numbers: &T,
-        picture: Option<Drawing>,
-    ) -> Result<Outcome, Error> {
-        let json = serde_json::to_value(numbers).map_err(Error::failure)?;
-        Ok(Outcome { name, text: numbers.to_string(), json, picture })
-    }
-
+    /// There is none without a picture.
     fn pictured<T: Display + Serialize>(
         name: &'static str,
         numbers: &T,
         picture: Result<Drawing, PictureError>,
     ) -> Result<Outcome, Error> {
-        Outcome::new(name, numbers, Some(picture.map_err(Error::failure)?))
+        let json = serde_json::to_value(numbers).map_err(Error::failure)?;
+        let picture = picture.map_err(Error::failure)?;
+        Ok(Outcome { name, text: numbers.to_string(), json, picture })
+    }
+
+    fn drawn<N: Display + Serialize>(
+        name: &'static str,
+        drawn: Result<Drawn<N>, FigureError>,
+    ) -> Result<Outcome, Error> {
+        let drawn = drawn.map_err(Error::failure)?;
+        Outcome::pictured(name, &drawn, Ok(drawn.picture.clone()))
     }
 
     fn write(&self, folder: &Path) -> Result<(), Error> {
@@ -243,9 +246,8 @@ impl Outcome {
         };
         let json = serde_json::to_string_pretty(&self.json).map_err(Error::failure)?;
         save(&format!("{}.json", self.name), json.as_bytes())?;
-        let Some(picture) = &self.picture else { return Ok(()) };
-        save(&format!("{}.svg", self.name), picture.svg().as_bytes())?;
-        save(&format!("{}.png", self.name), &picture.png().map_err(Error::failure)?)
+        save(&format!("{}.svg", self.name), self.picture.svg().as_bytes())?;
+        save(&format!("{}.png", self.name), &self.picture.png().map_err(Error::failure)?)
     }
 }
 
@@ -432,7 +434,7 @@ fn explore_solids(args: &ReproduceArgs) -> Result<(), Error> {
     };
     let rows = watch(args, solids::heading());
     let table = solids::run(data().as_deref(), &selection, rows).map_err(Error::input)?;
-    conclude(args, &Outcome::new(name, &table, None)?)
+    conclude(args, &Outcome::pictured(name, &table, table.picture())?)
 }
 
 /// What planning ahead is worth, row by row as they are done.
@@ -441,7 +443,7 @@ fn plan_ahead(args: &ReproduceArgs) -> Result<(), Error> {
     let seeds = first..first.saturating_add(args.seeds());
     let rows = watch(args, planning::heading());
     let table = planning::run(&args.part.object, seeds, rows).map_err(Error::input)?;
-    conclude(args, &Outcome::new(PLANNING, &table, None)?)
+    conclude(args, &Outcome::pictured(PLANNING, &table, table.picture())?)
 }
 
 /// The pose graphs, row by row as they are done.
@@ -459,7 +461,7 @@ fn spoil_graphs(args: &ReproduceArgs) -> Result<(), Error> {
     let rows = watch(args, outliers::heading());
     let table =
         outliers::run(data().as_deref(), &args.part.object, seeds, rows).map_err(Error::input)?;
-    conclude(args, &Outcome::new(POSE_GRAPH_OUTLIERS, &table, None)?)
+    conclude(args, &Outcome::pictured(POSE_GRAPH_OUTLIERS, &table, table.picture())?)
 }
 
 /// Shows the rows of a long comparison to whoever watches, as they are done.
@@ -491,24 +493,19 @@ fn conclude(args: &ReproduceArgs, outcome: &Outcome) -> Result<(), Error> {
 
 fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
     if let Some(figure) = chapter2::figure(name) {
-        let drawn = figure.draw(args.seeds()).map_err(Error::failure)?;
-        return Outcome::pictured(name, &drawn, Ok(drawn.picture.clone()));
+        return Outcome::drawn(name, figure.draw(args.seeds()));
     }
     if let Some(figure) = chapter3::figure(name) {
-        let drawn = figure.draw(args.seeds()).map_err(Error::failure)?;
-        return Outcome::pictured(name, &drawn, Ok(drawn.picture.clone()));
+        return Outcome::drawn(name, figure.draw(args.seeds()));
     }
     if let Some(figure) = graphs::figure(name) {
-        let drawn = figure.draw(data().as_deref(), args.seeds()).map_err(Error::failure)?;
-        return Outcome::pictured(name, &drawn, Ok(drawn.picture.clone()));
+        return Outcome::drawn(name, figure.draw(data().as_deref(), args.seeds()));
     }
     if let Some(figure) = solids::figures::figure(name) {
-        let drawn = figure.draw(args.seeds()).map_err(Error::failure)?;
-        return Outcome::pictured(name, &drawn, Ok(drawn.picture.clone()));
+        return Outcome::drawn(name, figure.draw(args.seeds()));
     }
     if let Some(figure) = chapter4::figure(name) {
-        let drawn = figure.draw(args.seeds()).map_err(Error::failure)?;
-        return Outcome::pictured(name, &drawn, Ok(drawn.picture.clone()));
+        return Outcome::drawn(name, figure.draw(args.seeds()));
     }
     if name == "calibration" {
         let table = calibration::run(data().as_deref(), 0, args.seeds()).map_err(Error::failure)?;

@@ -7,13 +7,12 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::Spread;
+use super::figure::{Drawn, FigureError};
 use super::model::{Model, Shape};
 use super::touches::{Source, Touched};
 use crate::shape::{align::align, metrics};
-use crate::sim::SimError;
 use crate::space::Point;
 use crate::view::curves::{self, Curve, Mark, Plot, Scale};
-use crate::view::drawing::{Drawing, PictureError};
 use crate::view::sheet::{self, Panel, Sheet};
 
 /// What a figure shows.
@@ -195,29 +194,11 @@ pub struct Line {
     pub touched_mm: Option<Spread>,
 }
 
-/// A figure's numbers and its picture.
-#[derive(Clone, Debug, Serialize)]
-pub struct Drawn {
-    /// What is shown.
-    pub title: &'static str,
-    /// What the thesis says of it.
-    pub thesis: &'static str,
-    /// The numbers.
+/// The numbers of a figure.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Numbers {
+    /// Row by row.
     pub lines: Vec<Line>,
-    /// The picture.
-    #[serde(skip)]
-    pub picture: Drawing,
-}
-
-/// Why a figure could not be made.
-#[derive(Debug, thiserror::Error)]
-pub enum FigureError {
-    /// Nothing to touch.
-    #[error(transparent)]
-    Simulation(#[from] SimError),
-    /// Nothing to see.
-    #[error(transparent)]
-    Picture(#[from] PictureError),
 }
 
 /// One model on one set of contacts.
@@ -231,7 +212,7 @@ impl Figure {
     ///
     /// # Errors
     /// When an object cannot be simulated or the picture cannot be drawn.
-    pub fn draw(&self, seeds: u64) -> Result<Drawn, FigureError> {
+    pub fn draw(&self, seeds: u64) -> Result<Drawn<Numbers>, FigureError> {
         let (mut lines, mut panels, mut plots) = (Vec::new(), Vec::new(), Vec::new());
         for (source, counts) in self.subjects {
             let most = counts.iter().copied().max().unwrap_or(0);
@@ -268,7 +249,8 @@ impl Figure {
             View::Curves => curves::render(&plots)?,
             View::Sheet => sheet::render(&Sheet { title: self.title.into(), columns, panels })?,
         };
-        Ok(Drawn { title: self.title, thesis: self.thesis, lines, picture })
+        let numbers = Numbers { lines };
+        Ok(Drawn { title: self.title, thesis: self.thesis, numbers, picture })
     }
 }
 
@@ -317,10 +299,8 @@ fn panel(line: &Line, run: Run, touched: &Touched) -> Panel {
     }
 }
 
-impl std::fmt::Display for Drawn {
+impl std::fmt::Display for Numbers {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        writeln!(f, "{}", self.title)?;
-        writeln!(f, "  thesis: {}", self.thesis)?;
         writeln!(
             f,
             "  {:<24}{:>9}  {:<12}{:>7}  {:<22}{:<20}{:<20}touched part mm",
@@ -360,10 +340,10 @@ mod tests {
     #[test]
     fn a_figure_has_numbers_and_a_picture() {
         let drawn = figure("figure-2.14").unwrap().draw(2).unwrap();
-        assert_eq!(drawn.lines.len(), 9);
+        assert_eq!(drawn.numbers.lines.len(), 9);
         assert!(drawn.picture.svg().contains(">auto, 5 contacts</text>"));
         // Five contacts say little about the whole, but where they touched, the surface is known.
-        for line in drawn.lines.iter().filter(|l| l.model == "auto") {
+        for line in drawn.numbers.lines.iter().filter(|l| l.model == "auto") {
             assert_eq!(line.runs, (2, 2));
             assert!(line.touched_mm.unwrap().median < 8.0, "{line:?}");
         }

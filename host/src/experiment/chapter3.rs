@@ -11,6 +11,7 @@ use tactile_core::surface::{Ball, Gpis, Matern32, Prior, Training};
 use tactile_core::track::Bootstrap;
 
 use super::Spread;
+use super::figure::{Drawn, FigureError};
 use super::proportion::Proportion;
 use super::tracking::judge::{Judgement, Truth, gauge};
 use super::tracking::{Contender, full_noise, runs};
@@ -23,7 +24,7 @@ use crate::slam::reconstruct::reconstruct;
 use crate::slam::track::{Step, follow, settings};
 use crate::slam::trackers::{KERNEL, Kind};
 use crate::view::curves::{self, Curve, Mark, Plot, Scale};
-use crate::view::drawing::{Drawing, PictureError};
+use crate::view::drawing::Drawing;
 use crate::view::sheet::{self, Panel, Sheet};
 
 /// What a figure shows.
@@ -107,33 +108,15 @@ pub struct Line {
     pub last_deg: Option<Spread>,
 }
 
-/// A figure's numbers and its picture.
-#[derive(Clone, Debug, Serialize)]
-pub struct Drawn {
-    /// What is shown.
-    pub title: &'static str,
-    /// What the thesis says of it.
-    pub thesis: &'static str,
+/// The numbers of a figure.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Numbers {
     /// What varies along a curve or a row of pictures.
     pub along: &'static str,
     /// Whose reconstructions the picture shows, where it shows any.
     pub pictured: Option<&'static str>,
-    /// The numbers.
+    /// Row by row.
     pub lines: Vec<Line>,
-    /// The picture.
-    #[serde(skip)]
-    pub picture: Drawing,
-}
-
-/// Why a figure could not be made.
-#[derive(Debug, thiserror::Error)]
-pub enum FigureError {
-    /// Nothing to track.
-    #[error(transparent)]
-    Simulation(#[from] SimError),
-    /// Nothing to see.
-    #[error(transparent)]
-    Picture(#[from] PictureError),
 }
 
 /// An object and its simulation at the thesis' 100 %.
@@ -176,13 +159,11 @@ impl Figure {
     ///
     /// # Errors
     /// When an object cannot be simulated or the picture cannot be drawn.
-    pub fn draw(&self, seeds: u64) -> Result<Drawn, FigureError> {
+    pub fn draw(&self, seeds: u64) -> Result<Drawn<Numbers>, FigureError> {
         let mut drawn = Drawn {
             title: self.title,
             thesis: self.thesis,
-            along: "",
-            pictured: None,
-            lines: Vec::new(),
+            numbers: Numbers::default(),
             picture: Drawing::default(),
         };
         match self.view {
@@ -193,8 +174,13 @@ impl Figure {
         Ok(drawn)
     }
 
-    fn progress(&self, grasps: &[usize], seeds: u64, drawn: &mut Drawn) -> Result<(), FigureError> {
-        drawn.along = "grasps";
+    fn progress(
+        &self,
+        grasps: &[usize],
+        seeds: u64,
+        drawn: &mut Drawn<Numbers>,
+    ) -> Result<(), FigureError> {
+        drawn.numbers.along = "grasps";
         for object in self.objects {
             let subject = Subject::new(object)?;
             for contender in ours() {
@@ -203,12 +189,12 @@ impl Figure {
                     let options = subject.with_grasps(*count);
                     let at = Some(*count as f64);
                     let line = line(&subject, &options, contender.name(), at, seeds, &follow)?;
-                    drawn.lines.push(line);
+                    drawn.numbers.lines.push(line);
                 }
             }
         }
         let last = grasps.iter().copied().max().unwrap_or(0) as f64;
-        let best = best(&drawn.lines, last);
+        let best = best(&drawn.numbers.lines, last);
         let mut panels = Vec::new();
         for object in self.objects {
             let subject = Subject::new(object)?;
@@ -216,14 +202,19 @@ impl Figure {
                 panels.extend(panel(&subject, *count, best)?);
             }
         }
-        drawn.pictured = Some(best.name());
+        drawn.numbers.pictured = Some(best.name());
         let title = format!("{}, tracker {}", self.title, best.name());
         drawn.picture = sheet::render(&Sheet { title, columns: grasps.len(), panels })?;
         Ok(())
     }
 
-    fn noise(&self, percents: &[f64], seeds: u64, drawn: &mut Drawn) -> Result<(), FigureError> {
-        drawn.along = "noise %";
+    fn noise(
+        &self,
+        percents: &[f64],
+        seeds: u64,
+        drawn: &mut Drawn<Numbers>,
+    ) -> Result<(), FigureError> {
+        drawn.numbers.along = "noise %";
         let mut plots = Vec::new();
         for object in self.objects {
             let subject = Subject::new(object)?;
@@ -242,7 +233,7 @@ impl Figure {
                         median: s.median,
                         high: s.high,
                     }));
-                    drawn.lines.push(line);
+                    drawn.numbers.lines.push(line);
                 }
                 curves.push(Curve { name: contender.name().into(), marks });
             }
@@ -258,8 +249,8 @@ impl Figure {
         Ok(())
     }
 
-    fn particles(&self, seeds: u64, drawn: &mut Drawn) -> Result<(), FigureError> {
-        drawn.along = "particles";
+    fn particles(&self, seeds: u64, drawn: &mut Drawn<Numbers>) -> Result<(), FigureError> {
+        drawn.numbers.along = "particles";
         let mut plots = Vec::new();
         for object in self.objects {
             let subject = Subject::new(object)?;
@@ -272,7 +263,7 @@ impl Figure {
                     let at = Some(count as f64);
                     let line = line(&subject, &subject.options, name, at, seeds, follow)?;
                     marks.push(share(count, &line.success));
-                    drawn.lines.push(line);
+                    drawn.numbers.lines.push(line);
                 }
                 curves.push(Curve { name: name.into(), marks });
             }
@@ -283,7 +274,7 @@ impl Figure {
                 let ends = [SIZES[0].0, SIZES[SIZES.len() - 1].0];
                 let marks = ends.map(|count| share(count, &line.success)).into();
                 curves.push(Curve { name: kind.name().into(), marks });
-                drawn.lines.push(line);
+                drawn.numbers.lines.push(line);
             }
             plots.push(Plot {
                 title: (*object).into(),
@@ -406,10 +397,8 @@ fn share(particles: usize, success: &Proportion) -> Mark {
     Mark { x: particles as f64, low: 100.0 * low, median, high: 100.0 * high }
 }
 
-impl std::fmt::Display for Drawn {
+impl std::fmt::Display for Numbers {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        writeln!(f, "{}", self.title)?;
-        writeln!(f, "  thesis: {}", self.thesis)?;
         writeln!(
             f,
             "  {:<30}{:<14}{:>9}  {:<20}{:<24}{:<22}{:<24}last °",

@@ -11,6 +11,7 @@ use std::path::Path;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::figure::{Drawn, FigureError};
 use super::tracking::judge::{Judgement, Truth, judge};
 use super::tracking::{full_noise, mujoco};
 use super::{Spread, with_room};
@@ -22,7 +23,7 @@ use crate::sim::{ObjectSpec, Options, SimError, simulate};
 use crate::slam::track::Step;
 use crate::slam::trackers::Kind;
 use crate::view::curves::{self, Curve, Mark, Plot, Scale};
-use crate::view::drawing::{Drawing, PictureError};
+use crate::view::drawing::Drawing;
 
 /// Whose poses the graphs correct.
 const TRACKER: Kind = Kind::Hypotheses;
@@ -191,36 +192,15 @@ pub struct Line {
     pub ambiguous: f64,
 }
 
-/// A figure's numbers and its picture.
-#[derive(Clone, Debug, Serialize)]
-pub struct Drawn {
-    /// What is shown.
-    pub title: &'static str,
-    /// What the thesis says of it.
-    pub thesis: &'static str,
+/// The numbers of a figure.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Numbers {
     /// What the third column is.
     pub along: &'static str,
-    /// The numbers.
+    /// Row by row.
     pub lines: Vec<Line>,
     /// What else there is to say, one line each.
     pub notes: Vec<String>,
-    /// The picture.
-    #[serde(skip)]
-    pub picture: Drawing,
-}
-
-/// Why a figure could not be made.
-#[derive(Debug, thiserror::Error)]
-pub enum FigureError {
-    /// Nothing to grasp.
-    #[error(transparent)]
-    Simulation(#[from] SimError),
-    /// No recordings.
-    #[error(transparent)]
-    Recordings(#[from] mujoco::Error),
-    /// Nothing to see.
-    #[error(transparent)]
-    Picture(#[from] PictureError),
 }
 
 /// An object and its simulation.
@@ -253,13 +233,11 @@ impl Figure {
     ///
     /// # Errors
     /// When an object cannot be simulated, recordings are missing or the picture cannot be drawn.
-    pub fn draw(&self, data: Option<&Path>, seeds: u64) -> Result<Drawn, FigureError> {
+    pub fn draw(&self, data: Option<&Path>, seeds: u64) -> Result<Drawn<Numbers>, FigureError> {
         let mut drawn = Drawn {
             title: self.title,
             thesis: self.thesis,
-            along: "",
-            lines: Vec::new(),
-            notes: Vec::new(),
+            numbers: Numbers::default(),
             picture: Drawing::default(),
         };
         match self.view {
@@ -277,9 +255,9 @@ impl Figure {
         &self,
         most: &[usize],
         seeds: u64,
-        drawn: &mut Drawn,
+        drawn: &mut Drawn<Numbers>,
     ) -> Result<(), FigureError> {
-        drawn.along = "constraints";
+        drawn.numbers.along = "constraints";
         let mut plots = Vec::new();
         for object in self.objects {
             let subject = Subject::new(object, 100.0)?;
@@ -290,7 +268,7 @@ impl Figure {
                 for &most in most {
                     let line = line(object, method, Some(most as f64), &subject.truth, &runs, most);
                     marks.extend(line.hausdorff_mm.map(|s| mark(most as f64, s)));
-                    drawn.lines.push(line);
+                    drawn.numbers.lines.push(line);
                 }
                 curves.push(Curve { name: method.name().into(), marks });
             }
@@ -300,8 +278,13 @@ impl Figure {
         Ok(())
     }
 
-    fn before(&self, percents: &[f64], seeds: u64, drawn: &mut Drawn) -> Result<(), FigureError> {
-        drawn.along = "noise %";
+    fn before(
+        &self,
+        percents: &[f64],
+        seeds: u64,
+        drawn: &mut Drawn<Numbers>,
+    ) -> Result<(), FigureError> {
+        drawn.numbers.along = "noise %";
         let mut plots = Vec::new();
         for object in self.objects {
             let mut curves: Vec<Curve> =
@@ -313,7 +296,7 @@ impl Figure {
                     let at = Some(*percent);
                     let line = line(object, method, at, &subject.truth, &runs, usize::MAX);
                     curve.marks.extend(line.hausdorff_mm.map(|s| mark(*percent, s)));
-                    drawn.lines.push(line);
+                    drawn.numbers.lines.push(line);
                 }
             }
             plots.push(plot(object, "motion noise, % of 10 mm and 20°", curves));
@@ -329,8 +312,12 @@ fn tracked(subject: &Subject, seeds: u64) -> Result<Vec<(GraspLog, Vec<Step>)>, 
 }
 
 /// Recordings of a Shadow Hand in MuJoCo, those with noise.
-fn recorded(data: Option<&Path>, dimension: usize, drawn: &mut Drawn) -> Result<(), FigureError> {
-    drawn.along = "grasps";
+fn recorded(
+    data: Option<&Path>,
+    dimension: usize,
+    drawn: &mut Drawn<Numbers>,
+) -> Result<(), FigureError> {
+    drawn.numbers.along = "grasps";
     let mut curves: Vec<Curve> =
         METHODS.map(|m| Curve { name: m.name().into(), marks: Vec::new() }).into();
     let mut number = 0.0;
@@ -347,16 +334,16 @@ fn recorded(data: Option<&Path>, dimension: usize, drawn: &mut Drawn) -> Result<
         for (curve, method) in curves.iter_mut().zip(METHODS) {
             let line = line(&recording.name, method, grasps, &recording.truth, &run, usize::MAX);
             curve.marks.extend(line.hausdorff_mm.map(|s| mark(number, s)));
-            drawn.lines.push(line);
+            drawn.numbers.lines.push(line);
         }
     }
     for method in METHODS {
         let of = |l: &&Line| l.method == method.name();
         let medians = |f: fn(&Line) -> Option<Spread>| {
-            let all = drawn.lines.iter().filter(of).filter_map(f).map(|s| s.median);
+            let all = drawn.numbers.lines.iter().filter(of).filter_map(f).map(|s| s.median);
             Spread::of(all).map_or("–".to_owned(), |s| s.to_string())
         };
-        drawn.notes.push(format!(
+        drawn.numbers.notes.push(format!(
             "{}: Hausdorff {}, contacts {}, poses {} mm over all recordings",
             method.name(),
             medians(|l| l.hausdorff_mm),
@@ -414,19 +401,18 @@ fn plot(title: &str, across: &str, curves: Vec<Curve>) -> Plot {
     }
 }
 
-impl fmt::Display for Drawn {
+impl fmt::Display for Numbers {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}", self.title)?;
-        write!(f, "  thesis: {}", self.thesis)?;
-        for note in &self.notes {
-            write!(f, "\n  {note}")?;
+        for (i, note) in self.notes.iter().enumerate() {
+            write!(f, "{}  {note}", if i > 0 { "\n" } else { "" })?;
         }
         if self.lines.is_empty() {
             return Ok(());
         }
         write!(
             f,
-            "\n  {:<30}{:<13}{:>11}{:>6}  {:<22}{:<20}{:<22}{:<22}{:<14}ambiguous",
+            "{}  {:<30}{:<13}{:>11}{:>6}  {:<22}{:<20}{:<22}{:<22}{:<14}ambiguous",
+            if self.notes.is_empty() { "" } else { "\n" },
             "object",
             "graph",
             self.along,

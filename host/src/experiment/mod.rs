@@ -6,6 +6,7 @@ pub mod chapter2;
 pub mod chapter3;
 pub mod chapter4;
 pub mod exploration;
+pub mod figure;
 pub mod graphs;
 pub mod localization;
 pub mod memory;

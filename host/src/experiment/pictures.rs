@@ -4,7 +4,9 @@ use super::localization::{self, Moved, Recorded, Simulated};
 use super::memory::{MemoryRow, MemoryTable};
 use super::proportion::Proportion;
 use super::tracking::{self, consistency, mujoco};
-use super::{Row, Spread, Table, calibration, exploration, pose_graphs, shapes};
+use super::{
+    Row, Spread, Table, calibration, exploration, outliers, planning, pose_graphs, shapes, solids,
+};
 use crate::view::bars::{self, Bars, Interval, Series};
 use crate::view::curves::{self, Curve, Mark, Plot, Scale};
 use crate::view::drawing::{Drawing, PictureError};
@@ -226,6 +228,66 @@ impl pose_graphs::Table {
     }
 }
 
+impl outliers::Table {
+    /// How far the poses are from the clean optimum, what of the closures was kept, and the time.
+    ///
+    /// # Errors
+    /// When the picture cannot be made.
+    pub fn picture(&self) -> Result<Drawing, PictureError> {
+        let case = |r: &outliers::Row| {
+            let kind = match r.kind {
+                outliers::Kind::Random => "at random",
+                outliers::Kind::Grouped => "that agree",
+            };
+            format!("{}, {} % false, {kind}", r.graph, r.share)
+        };
+        let cases: Vec<String> = self.rows.iter().map(case).collect();
+        let panel = |title: &str, along: &str, scale, series, references| Bars {
+            title: title.into(),
+            along: along.into(),
+            scale,
+            cases: cases.clone(),
+            series,
+            references,
+        };
+        let percent = |s: Spread| Interval {
+            low: 100.0 * s.low,
+            value: 100.0 * s.median,
+            high: 100.0 * s.high,
+        };
+        type Row = outliers::Row;
+        let panels = [
+            panel(
+                "Distance from the clean optimum",
+                "root mean square, posterior standard deviations: median and quartiles",
+                Scale::Logarithmic,
+                vec![series("positions", &self.rows, |r: &Row| of(Some(r.relative)))],
+                vec![(0.1, "as good as clean".into())],
+            ),
+            panel(
+                "Closures that are kept",
+                "%: median and quartiles",
+                Scale::Linear,
+                vec![
+                    series("right among the kept", &self.rows, |r: &Row| {
+                        Some(percent(r.precision))
+                    }),
+                    series("kept among the right", &self.rows, |r: &Row| Some(percent(r.recall))),
+                ],
+                Vec::new(),
+            ),
+            panel(
+                "Time",
+                "multiples of the clean graph's: median and quartiles",
+                Scale::Logarithmic,
+                vec![series("time", &self.rows, |r: &Row| of(Some(r.time)))],
+                Vec::new(),
+            ),
+        ];
+        bars::render("Standard pose graphs with false closures", &panels)
+    }
+}
+
 impl calibration::Table {
     /// What the band covers where the surface was touched, and misses where it was not.
     ///
@@ -390,13 +452,7 @@ impl exploration::Table {
             .iter()
             .map(|r| format!("{}: {}, {}, {}", r.object, r.criterion, r.candidates, r.until))
             .collect();
-        let actions = |r: &exploration::Row| {
-            Some(Interval {
-                low: r.actions - r.plus_minus,
-                value: r.actions,
-                high: r.actions + r.plus_minus,
-            })
-        };
+        let actions = |r: &exploration::Row| mean((r.actions, r.plus_minus));
         let panels = [
             Bars {
                 title: "Actions until the shape is known".into(),
@@ -423,6 +479,91 @@ impl exploration::Table {
             },
         ];
         bars::render(self.title, &panels)
+    }
+}
+
+/// A mean and half of its 95 % interval.
+fn mean((value, half): (f64, f64)) -> Option<Interval> {
+    Some(Interval { low: value - half, value, high: value + half })
+}
+
+impl solids::Table {
+    /// Grasps until the surface is known, and how often it is and the last pose right, case by case.
+    ///
+    /// # Errors
+    /// When the picture cannot be made.
+    pub fn picture(&self) -> Result<Drawing, PictureError> {
+        let cases: Vec<String> =
+            self.rows.iter().map(|r| format!("{}: {}", r.object, r.criterion)).collect();
+        let grasps = Bars {
+            title: "Grasps until 90 % of the reachable surface is known to 3 mm".into(),
+            along: "grasps: mean and its 95 % interval; contacts: mean".into(),
+            scale: Scale::Logarithmic,
+            cases: cases.clone(),
+            series: vec![
+                series("grasps", &self.rows, |r: &solids::Row| mean((r.grasps, r.plus_minus))),
+                series("contacts", &self.rows, |r: &solids::Row| exact(Some(r.contacts))),
+            ],
+            references: Vec::new(),
+        };
+        let reached =
+            series("surface known", &self.rows, |r: &solids::Row| Some(Interval::from(&r.reached)));
+        let pose =
+            series("last pose right", &self.rows, |r: &solids::Row| Some(Interval::from(&r.pose)));
+        let ends = Bars {
+            title: "Runs that end well".into(),
+            along: "share of the runs, %, with Wilson's 95 % interval; a right pose: 3 mm and 3°"
+                .into(),
+            scale: Scale::Linear,
+            cases,
+            // Of an object at rest the pose is known.
+            series: if self.tracker.is_some() { vec![reached, pose] } else { vec![reached] },
+            references: Vec::new(),
+        };
+        let title = match self.tracker {
+            Some(tracker) => {
+                format!("Exploring solids that slip at every grasp, tracker {tracker}")
+            }
+            None => "Exploring solids that stay where they are".into(),
+        };
+        bars::render(&title, &[grasps, ends])
+    }
+}
+
+impl planning::Table {
+    /// Seconds, actions and decisions until the object is known, case by case.
+    ///
+    /// # Errors
+    /// When the picture cannot be made.
+    pub fn picture(&self) -> Result<Drawing, PictureError> {
+        let cases: Vec<String> =
+            self.rows.iter().map(|r| format!("{}: {}", r.object, r.strategy)).collect();
+        let panel = |title: &str, along: &str, series| Bars {
+            title: title.into(),
+            along: along.into(),
+            scale: Scale::Linear,
+            cases: cases.clone(),
+            series,
+            references: Vec::new(),
+        };
+        let seconds = vec![series("seconds", &self.rows, |r: &planning::Row| mean(r.seconds))];
+        let actions = vec![
+            series("actions", &self.rows, |r: &planning::Row| mean(r.actions)),
+            series("decisions", &self.rows, |r: &planning::Row| exact(Some(r.decisions))),
+        ];
+        let reached =
+            series("known", &self.rows, |r: &planning::Row| Some(Interval::from(&r.reached)));
+        let share = "share of the runs, %, with Wilson's 95 % interval";
+        let panels = [
+            panel("Time of all actions", "seconds: mean and its 95 % interval", seconds),
+            panel(
+                "Actions until the object is known",
+                "mean; of actions its 95 % interval",
+                actions,
+            ),
+            panel("Runs that get there", share, vec![reached]),
+        ];
+        bars::render("What planning ahead is worth", &panels)
     }
 }
 
@@ -461,5 +602,43 @@ mod tests {
         assert!(empty.picture().unwrap().svg().contains("nothing to show"));
         let graphs = pose_graphs::Table { rows: Vec::new() };
         assert!(graphs.picture().unwrap().png().is_ok());
+    }
+
+    #[test]
+    fn solids_and_strategies_are_named_with_their_intervals() {
+        let row = solids::Row {
+            object: "box:0.07".into(),
+            reachable: 1.0,
+            criterion: "entropy".into(),
+            grasps: 3.0,
+            plus_minus: 0.5,
+            contacts: 15.0,
+            reached: Proportion { successes: 10, of: 10 },
+            pose: Proportion { successes: 1, of: 10 },
+            pose_mm: None,
+            pose_deg: None,
+            choosing_ms: None,
+            action_ms: 1.0,
+        };
+        let of = |tracker| solids::Table { tracker, rows: vec![row.clone()], skipped: Vec::new() };
+        let fixed = of(None).picture().unwrap().svg();
+        assert!(fixed.contains(">box:0.07: entropy</text>") && fixed.contains("15"));
+        assert!(!fixed.contains("last pose"), "an object at rest has no pose to find");
+        let moving = of(Some("hypotheses")).picture().unwrap().svg();
+        assert!(moving.contains("last pose right") && moving.contains("hypotheses"));
+
+        let row = planning::Row {
+            object: "ellipse:0.12x0.06, strict".into(),
+            strategy: "lookahead",
+            reached: Proportion { successes: 2, of: 4 },
+            actions: (7.0, 1.0),
+            decisions: 6.0,
+            seconds: (31.5, 4.0),
+            way: (1.0, 2.0),
+            choosing_ms: 5.0,
+        };
+        let planned = planning::Table { rows: vec![row] }.picture().unwrap().svg();
+        assert!(planned.contains(">ellipse:0.12x0.06, strict: lookahead</text>"));
+        assert!(planned.contains("31.5"), "its value is written");
     }
 }

@@ -221,6 +221,8 @@ pub struct Pieces<R> {
     pub torn: usize,
     /// Pieces so far that could not be read.
     pub damaged: usize,
+    /// Bytes so far, and of all where that is known.
+    pub bytes: (u64, Option<u64>),
     reader: R,
     sealed: Vec<u8>,
 }
@@ -233,7 +235,9 @@ impl Pieces<BufReader<File>> {
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let unreadable = |source| RecordingError::Read { file: path.into(), source };
         let file = File::open(path).map_err(unreadable)?;
+        let all = file.metadata().ok().map(|m| m.len());
         let pieces = Pieces::new(BufReader::with_capacity(1 << 16, file)).map_err(unreadable)?;
+        let pieces = pieces.map(|p| Pieces { bytes: (p.bytes.0, all), ..p });
         pieces.map_err(|problem| RecordingError::Header { file: path.into(), problem })
     }
 }
@@ -259,7 +263,8 @@ impl<R: BufRead> Pieces<R> {
             }
             Some(_) => Err("it ends within its header".into()),
         };
-        Ok(header.map(|header| Pieces { header, torn: 0, damaged: 0, reader, sealed }))
+        let bytes = (sealed.len() as u64, None);
+        Ok(header.map(|header| Pieces { header, torn: 0, damaged: 0, bytes, reader, sealed }))
     }
 
     fn with(self, pieces: Vec<Piece>) -> Recording {
@@ -276,7 +281,7 @@ impl<R: BufRead> Iterator for Pieces<R> {
             match self.reader.by_ref().take(LONGEST).read_until(0, &mut self.sealed) {
                 Err(error) => return Some(Err(error)),
                 Ok(0) => return None,
-                Ok(_) => {}
+                Ok(read) => self.bytes.0 += read as u64,
             }
             let whole = self.sealed.pop_if(|last| *last == 0).is_some();
             if !whole && self.sealed.len() as u64 != LONGEST {

@@ -14,7 +14,6 @@ use tactile_core::wire::{
 
 use super::recording::{Direction, Header, Piece, Recording};
 use super::{GraspLog, LoggedContact, LoggedFree, LoggedGrasp, Noise};
-use crate::slam::track::Step;
 use crate::space::{self, Bridge, Point, Pose};
 
 /// A recording, understood.
@@ -154,7 +153,20 @@ struct Collector<'a, S: WireSpace> {
 
 /// The number with the fewest digits that is still this `f32`, so that 0.001 stays 0.001.
 fn shortest(value: f32) -> f64 {
-    value.to_string().parse().unwrap_or(value.into())
+    let exact = f64::from(value);
+    // Long recordings hold many. Whole numbers and powers of ten are exact, and their quotient is rounded as
+    // it is when the digits are read.
+    if (1e-4..1e4).contains(&exact.abs()) {
+        let mut power = 1.0;
+        while power <= 1e12 {
+            let short = (exact * power).round() / power;
+            if short as f32 == value {
+                return short;
+            }
+            power *= 10.0;
+        }
+    }
+    value.to_string().parse().unwrap_or(exact)
 }
 
 fn shortest_point<S: Bridge>(vector: &S::Vector) -> Point {
@@ -380,16 +392,6 @@ impl RecordedEstimate {
 }
 
 impl Replayed {
-    /// What the board made of each grasp of the log; an estimate without a pose is missing.
-    pub fn steps(&self) -> Vec<Option<Step>> {
-        // Estimates carry the time of their grasp.
-        let mut estimates = self.estimates.iter().peekable();
-        let mut step = |time: Option<f64>| {
-            estimates.next_if(|e| Some(e.time.as_secs_f64()) == time).map(Step::from)
-        };
-        self.log.grasps.iter().map(|grasp| step(grasp.time)).collect()
-    }
-
     /// Writes one line per estimate: grasp, time (s), position (m), rotation (radians or quaternion
     /// x, y, z, w), standard deviations in object axes (m, rad), counts.
     ///
@@ -423,5 +425,31 @@ impl Replayed {
             writeln!(writer, ",{corrected},{resampled},{}", e.status.name())?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::shortest;
+
+    proptest! {
+        #[test]
+        fn numbers_have_the_fewest_digits(bits in any::<u32>(), near in -2.0f32..2.0) {
+            for value in [f32::from_bits(bits), near, near * 1e-3] {
+                let expected: f64 = value.to_string().parse().unwrap();
+                prop_assert!(shortest(value).to_bits() == expected.to_bits() || value.is_nan(), "{value}");
+            }
+        }
+    }
+
+    #[test]
+    fn round_numbers_stay_round() {
+        for (value, expected) in
+            [(0.001f32, 0.001), (0.0, 0.0), (-0.25, -0.25), (1e-9, 1e-9), (0.0873, 0.0873)]
+        {
+            assert_eq!(shortest(value), expected);
+        }
     }
 }

@@ -3,7 +3,7 @@
 //! [`track`] follows the object with one of the core's [`trackers`] (or takes the log's true poses),
 //! [`reconstruct`] builds the surface that [`choose`] finds fit from all contacts at those poses, and
 //! [`output`] evaluates and writes what a reader wants: report, shape, trajectory and picture,
-//! [`replay`] makes a scene that plays.
+//! [`replay`] makes a scene that plays, [`recorded`] one of a link's recording.
 
 pub mod choose;
 pub mod fit;
@@ -12,6 +12,7 @@ pub mod gauge;
 pub mod odometry_graph;
 pub mod output;
 pub mod reconstruct;
+pub mod recorded;
 pub mod replay;
 pub mod track;
 pub mod trackers;

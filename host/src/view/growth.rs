@@ -26,6 +26,9 @@ const CELLS: [f64; 2] = [80.0, 18.0];
 /// Contacts below which there is no telling what the surface is.
 const LEAST_CONTACTS: usize = 3;
 
+/// How far beyond the contacts' box a surface on the way is shown, in sizes of the box.
+const AROUND: f64 = 0.35;
+
 /// Flat faces are cut into pieces of this share of their size, for their colours.
 const PIECE: f64 = 1.0 / 24.0;
 
@@ -117,7 +120,45 @@ fn coarse(
         }
     }
     let (_, gpis) = fit(dimension, contacts, free).ok()?;
-    extract_at(dimension, &gpis, contacts, CELLS[usize::from(dimension == 3)]).ok()
+    let (geometry, deviations) =
+        extract_at(dimension, &gpis, contacts, CELLS[usize::from(dimension == 3)]).ok()?;
+    Some(match geometry {
+        Geometry::Mesh(mesh) => about(mesh, deviations, contacts),
+        outline => (outline, deviations),
+    })
+}
+
+/// A mesh, if it does not close, as far as it lies about what was touched: few contacts may not make a body,
+/// and how the surface goes on far away is the model's fancy.
+fn about(mesh: Mesh, deviations: Vec<f64>, contacts: &[Contact]) -> (Geometry, Vec<f64>) {
+    if mesh.is_watertight() {
+        return (Geometry::Mesh(mesh), deviations);
+    }
+    let far = Point::repeat(f64::INFINITY);
+    let low = contacts.iter().fold(far, |low, c| low.inf(&c.point));
+    let high = contacts.iter().fold(-far, |high, c| high.sup(&c.point));
+    let reach = Point::repeat(AROUND * (high - low).amax());
+    let near = |v: &Point| (v - low + reach).min() >= 0.0 && (high + reach - v).min() >= 0.0;
+    let stays = |t: &&[u32; 3]| t.iter().all(|v| near(&mesh.vertices()[*v as usize]));
+    let kept: Vec<[u32; 3]> = mesh.triangles().iter().filter(stays).copied().collect();
+    // Vertices of what is left only: a scene is as large as they reach.
+    let mut number = HashMap::new();
+    let mut old: Vec<u32> = Vec::new();
+    let triangles = kept.iter().map(|t| {
+        t.map(|v| {
+            *number.entry(v).or_insert_with(|| {
+                old.push(v);
+                old.len() as u32 - 1
+            })
+        })
+    });
+    let triangles: Vec<[u32; 3]> = triangles.collect();
+    let vertices = old.iter().map(|v| mesh.vertices()[*v as usize]).collect();
+    let left = old.iter().filter_map(|v| deviations.get(*v as usize).copied()).collect();
+    match Mesh::new(vertices, triangles) {
+        Ok(about) => (Geometry::Mesh(about), left),
+        Err(_) => (Geometry::Mesh(mesh), deviations),
+    }
 }
 
 /// The same shape with vertices on its faces and edges, and the deviation at each.

@@ -35,6 +35,39 @@ fn moments_come_after_whole_grasps_and_closer_at_the_start() {
 }
 
 #[test]
+fn what_does_not_close_is_shown_about_the_contacts() {
+    let at = |x: f64, y: f64| Contact {
+        point: Point::new(x, y, 0.0),
+        normal: None,
+        point_deviation: 1e-3,
+        normal_deviation: 0.1,
+    };
+    let contacts = [at(0.0, 0.0), at(0.2, 0.1)];
+    let closed = subdivided(&cube(), 0.05);
+    let deviations: Vec<f64> = (0..closed.vertices().len()).map(|i| i as f64).collect();
+    let (Geometry::Mesh(whole), _) = about(closed.clone(), deviations.clone(), &contacts) else {
+        panic!()
+    };
+    assert_eq!(whole.triangles(), closed.triangles(), "it closes");
+
+    let triangles = closed.triangles()[1..].to_vec();
+    let open = Mesh::new(closed.vertices().to_vec(), triangles).unwrap();
+    let (Geometry::Mesh(near), left) = about(open, deviations, &contacts) else { panic!() };
+    let (low, high) = near.bounds();
+    let beyond = AROUND * 0.2;
+    assert!(low.min() >= -beyond && high.x <= 0.2 + beyond && high.y <= 0.1 + beyond, "{high}");
+    assert!(high.x > 0.2 && !near.triangles().is_empty());
+    // Each vertex keeps its deviation, and none is left that no triangle has.
+    assert_eq!(left.len(), near.vertices().len());
+    for (vertex, deviation) in near.vertices().iter().zip(&left) {
+        assert_eq!(*vertex, closed.vertices()[*deviation as usize]);
+    }
+    let used: std::collections::BTreeSet<u32> =
+        near.triangles().iter().flatten().copied().collect();
+    assert_eq!(used.len(), near.vertices().len());
+}
+
+#[test]
 fn cutting_a_mesh_keeps_it_closed_and_its_volume() {
     let fine = subdivided(&cube(), 0.3);
     assert!(fine.is_watertight());

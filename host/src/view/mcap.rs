@@ -9,10 +9,10 @@
 //! |---|---|---|---|
 //! | `/tf` | `tf2_msgs/TFMessage` | `world` | frames `object` (estimate) and `object_truth` |
 //! | `/contacts`, `/free` | `sensor_msgs/PointCloud2` | `world` | of each grasp: contacts with `normal_*`, `grasp`, `finger` (its number, −1 unknown), `force`; fingertips that touched nothing |
-//! | `/object/contacts` | `sensor_msgs/PointCloud2` | `object` | the contacts so far; sent again when a tenth more came |
+//! | `/object/contacts` | `sensor_msgs/PointCloud2` | `object` | the contacts so far, of many every n-th; sent again when a tenth more came |
 //! | `/pose`, `/pose_with_covariance` | `geometry_msgs/PoseStamped`, `PoseWithCovarianceStamped` | `world` | the estimate |
-//! | `/modes` | `geometry_msgs/PoseArray` | `world` | the poses held possible, heaviest first, where there is more than one |
-//! | `/status` | `std_msgs/String` | | what the estimate is worth |
+//! | `/modes` | `geometry_msgs/PoseArray` | `world` | the poses held possible, heaviest first, where there is more than one; empty when there no longer is |
+//! | `/status` | `std_msgs/String` | | what the estimate is worth, when it changes |
 //! | `/truth/pose` | `geometry_msgs/PoseStamped` | `world` | where `/pose` should be |
 //! | `/surface`, `/truth/surface` | `visualization_msgs/MarkerArray` | `object`, `object_truth` | mesh or outline, the estimate coloured by its standard deviation |
 //! | `/surface/points` | `sensor_msgs/PointCloud2` | `object` | points of it with `deviation`, for viewers without markers |
@@ -40,11 +40,15 @@ use crate::space::{Point, Pose};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{Compression, McapError, WriteOptions, Writer};
+use tactile_core::track::Status;
 
 /// Frames of the recording.
 const WORLD: &str = "world";
 const OBJECT: &str = "object";
 const TRUE_OBJECT: &str = "object_truth";
+
+/// Contacts that `/object/contacts` shows at most: more are not told apart, and each message has them all.
+const PLACED: usize = 20_000;
 
 /// Width of an outline, metres.
 const LINE: f64 = 1e-3;
@@ -144,13 +148,18 @@ pub struct Recording<W: Write> {
     writer: Writer<NoSeek<W>>,
     /// Channel and number of the next message of each topic.
     topics: BTreeMap<String, (u16, u32)>,
+    /// The status that was sent last, and whether there were several poses.
+    status: Option<Status>,
+    several: bool,
     /// How many grasps are expected, and how many came.
     expected: usize,
     grasps: usize,
     /// Nanoseconds of the last grasp.
     now: u64,
-    /// Contacts in the object's frame, and how many of them were sent.
+    /// Contacts in the object's frame, one of every so many; all so far, and when they were sent.
     placed: Cloud,
+    stride: usize,
+    felt: usize,
     sent: usize,
     /// True object frame to estimated one ([`super::report::gauge`]).
     gauge: Option<Pose>,
@@ -179,10 +188,14 @@ impl<W: Write> Recording<W> {
         Ok(Recording {
             writer,
             topics: BTreeMap::new(),
+            status: None,
+            several: false,
             expected: heading.grasps,
             grasps: 0,
             now: 0,
             placed: Cloud::new(&FELT),
+            stride: 1,
+            felt: 0,
             sent: 0,
             gauge: None,
         })
@@ -223,8 +236,8 @@ impl<W: Write> Recording<W> {
         }
         if let Some(estimate) = estimate {
             self.estimate(grasp, estimate)?;
-            self.placed.append(&self::felt(grasp, &estimate.pose.inverse(), tint));
-            if self.placed.len() > self.sent + self.sent / 10 {
+            self.place(&self::felt(grasp, &estimate.pose.inverse(), tint));
+            if self.felt > self.sent + self.sent / 10 {
                 self.contacts_so_far()?;
             }
         }
@@ -239,9 +252,15 @@ impl<W: Write> Recording<W> {
         self.send("/pose_with_covariance", message)?;
         // An empty one takes away those of the grasp before.
         let several = if modes.len() > 1 { &modes[..] } else { &[] };
-        let poses: Vec<Pose> = several.iter().map(|m| m.0).collect();
-        self.send("/modes", messages::poses(world, &poses))?;
-        self.send("/status", messages::text(status.name()))?;
+        if self.several || !several.is_empty() {
+            let poses: Vec<Pose> = several.iter().map(|m| m.0).collect();
+            self.send("/modes", messages::poses(world, &poses))?;
+            self.several = !several.is_empty();
+        }
+        if self.status != Some(*status) {
+            self.send("/status", messages::text(status.name()))?;
+            self.status = Some(*status);
+        }
         let greatest = |from: usize| {
             let variances = (from..from + 3).map(|i| covariance[(i, i)]);
             variances.fold(0.0, f64::max).sqrt()
@@ -258,10 +277,22 @@ impl<W: Write> Recording<W> {
         self.send("/error/rotation_deg", messages::number(angle.to_degrees()))
     }
 
+    /// Keeps every `stride`-th contact, and every second of those when there are too many.
+    fn place(&mut self, contacts: &Cloud) {
+        let (felt, stride) = (self.felt, self.stride);
+        self.placed.append(contacts, |i| (felt + i).is_multiple_of(stride));
+        self.felt += contacts.len();
+        while self.placed.len() > PLACED {
+            let all = std::mem::replace(&mut self.placed, Cloud::new(&FELT));
+            self.placed.append(&all, |i| i.is_multiple_of(2));
+            self.stride *= 2;
+        }
+    }
+
     /// All contacts at the poses found for them by now.
     fn contacts_so_far(&mut self) -> io::Result<()> {
         let message = self.placed.message(Stamp { time: self.now, frame: OBJECT });
-        self.sent = self.placed.len();
+        self.sent = self.felt;
         self.send("/object/contacts", message)
     }
 
@@ -323,7 +354,7 @@ impl<W: Write> Recording<W> {
     /// # Errors
     /// When the file cannot be written.
     pub fn finish(mut self) -> io::Result<()> {
-        if self.placed.len() > self.sent {
+        if self.felt > self.sent {
             self.contacts_so_far()?;
         }
         self.writer.finish().map_err(io_error)?;
@@ -331,8 +362,12 @@ impl<W: Write> Recording<W> {
     }
 
     fn send(&mut self, topic: &str, message: Message) -> io::Result<()> {
-        let (channel_id, sequence) = match self.topics.get(topic) {
-            Some(&known) => known,
+        let (channel_id, sequence) = match self.topics.get_mut(topic) {
+            Some((channel, next)) => {
+                let sequence = *next;
+                *next = next.wrapping_add(1);
+                (*channel, sequence)
+            }
             None => {
                 let definition = schema::definition(message.kind);
                 let schema = self
@@ -343,10 +378,10 @@ impl<W: Write> Recording<W> {
                     .writer
                     .add_channel(schema, topic, "cdr", &BTreeMap::new())
                     .map_err(io_error)?;
+                self.topics.insert(topic.to_owned(), (channel, 1));
                 (channel, 0)
             }
         };
-        self.topics.insert(topic.to_owned(), (channel_id, sequence.wrapping_add(1)));
         let header =
             MessageHeader { channel_id, sequence, log_time: self.now, publish_time: self.now };
         self.writer.write_to_known_channel(&header, &message.data).map_err(io_error)

@@ -450,5 +450,25 @@ fn bad_tables_and_recordings_are_refused_with_their_line() {
         place.put("t.tac", content);
         place.tactile("replay t.tac -o r.jsonl").refused(&["t.tac: not a recording"]);
         place.tactile("inspect t.tac").refused(&["t.tac: not a recording"]);
+        place.tactile("replay t.tac --to mcap -o r.mcap").refused(&["t.tac: not a recording"]);
     }
+}
+
+/// Whoever opens the page learns what is the matter with the file.
+#[test]
+fn a_page_says_that_there_is_nothing_to_show() {
+    let place = Place::new();
+    for (file, content, words) in [
+        ("t.tac", "tac", "t.tac: not a recording"),
+        ("t.tac", "", "it is empty"),
+        ("t.jsonl", "", "is empty; expected a header line"),
+        ("t.jsonl", &good()[..40], "line 1: is cut off"),
+    ] {
+        place.put(file, content);
+        place.tactile(&format!("replay {file} --to html -o t.html")).done().says(&[words]);
+        let page = std::fs::read_to_string(place.at("t.html")).unwrap();
+        let scene = page.split_once("id=\"scene\">").unwrap().1;
+        assert!(scene.contains("There is nothing to show.") && scene.contains(words), "{scene}");
+    }
+    place.tactile("replay none.tac --to html -o none.html").refused(&["none.tac: cannot read"]);
 }

@@ -7,11 +7,11 @@ mod uncertainty;
 
 use serde::Serialize;
 
+use super::figure::{Drawn, FigureError};
 use crate::explore::Belief;
 use crate::shape::Geometry;
-use crate::sim::{Options, SimError, simulate};
-use crate::slam::{reconstruct, track};
-use crate::view::drawing::{Drawing, PictureError};
+use crate::sim::{Options, simulate};
+use crate::slam::track;
 
 pub use actions::Action;
 pub use areas::Division;
@@ -73,44 +73,25 @@ pub fn figure(name: &str) -> Option<&'static Figure> {
     FIGURES.iter().find(|f| f.name == name)
 }
 
-/// What came of a figure.
+/// The numbers of a figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Numbers {
     /// Of figure 4.1.
-    Measures(Vec<Measure>),
+    Measures {
+        /// Row by row.
+        lines: Vec<Measure>,
+    },
     /// Of figure 4.3.
-    Divisions(Vec<Division>),
+    Divisions {
+        /// Row by row.
+        lines: Vec<Division>,
+    },
     /// Of figures 4.6 and 4.7.
-    Actions(Vec<Action>),
-}
-
-/// A figure's numbers and its picture.
-#[derive(Clone, Debug, Serialize)]
-pub struct Drawn {
-    /// What is shown.
-    pub title: &'static str,
-    /// What the thesis says of it.
-    pub thesis: &'static str,
-    /// The numbers.
-    pub lines: Numbers,
-    /// The picture.
-    #[serde(skip)]
-    pub picture: Drawing,
-}
-
-/// Why a figure could not be made.
-#[derive(Debug, thiserror::Error)]
-pub enum FigureError {
-    /// Nothing to touch.
-    #[error(transparent)]
-    Simulation(#[from] SimError),
-    /// What was felt makes no surface.
-    #[error(transparent)]
-    Surface(#[from] reconstruct::Error),
-    /// Nothing to see.
-    #[error(transparent)]
-    Picture(#[from] PictureError),
+    Actions {
+        /// Row by row.
+        lines: Vec<Action>,
+    },
 }
 
 impl Figure {
@@ -118,29 +99,35 @@ impl Figure {
     ///
     /// # Errors
     /// When an object cannot be simulated, seed 0 makes no surface, or the picture cannot be drawn.
-    pub fn draw(&self, seeds: u64) -> Result<Drawn, FigureError> {
-        let (lines, picture) = match self.view {
+    pub fn draw(&self, seeds: u64) -> Result<Drawn<Numbers>, FigureError> {
+        let (numbers, picture) = match self.view {
             View::Uncertainty => {
-                (Numbers::Measures(uncertainty::measure(seeds)?), uncertainty::picture(self.title)?)
+                let lines = uncertainty::measure(seeds)?;
+                (Numbers::Measures { lines }, uncertainty::picture(self.title)?)
             }
-            View::Areas => (Numbers::Divisions(areas::divide(seeds)?), areas::picture(self.title)?),
+            View::Areas => {
+                let lines = areas::divide(seeds)?;
+                (Numbers::Divisions { lines }, areas::picture(self.title)?)
+            }
             View::Actions => {
-                (Numbers::Actions(actions::judge(seeds)?), actions::grasps(self.title)?)
+                let lines = actions::judge(seeds)?;
+                (Numbers::Actions { lines }, actions::grasps(self.title)?)
             }
-            View::Poses => (Numbers::Actions(actions::judge(seeds)?), actions::poses(self.title)?),
+            View::Poses => {
+                let lines = actions::judge(seeds)?;
+                (Numbers::Actions { lines }, actions::poses(self.title)?)
+            }
         };
-        Ok(Drawn { title: self.title, thesis: self.thesis, lines, picture })
+        Ok(Drawn { title: self.title, thesis: self.thesis, numbers, picture })
     }
 }
 
-impl std::fmt::Display for Drawn {
+impl std::fmt::Display for Numbers {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        writeln!(f, "{}", self.title)?;
-        writeln!(f, "  thesis: {}", self.thesis)?;
-        match &self.lines {
-            Numbers::Measures(lines) => uncertainty::show(f, lines),
-            Numbers::Divisions(lines) => areas::show(f, lines),
-            Numbers::Actions(lines) => actions::show(f, lines),
+        match self {
+            Numbers::Measures { lines } => uncertainty::show(f, lines),
+            Numbers::Divisions { lines } => areas::show(f, lines),
+            Numbers::Actions { lines } => actions::show(f, lines),
         }
     }
 }

@@ -5,8 +5,9 @@ use std::f64::consts::TAU;
 
 use nalgebra::Point3;
 
-use super::{Drawn, FigureError, Subject};
+use super::{Numbers, Subject};
 use crate::experiment::Spread;
+use crate::experiment::figure::{Drawn, FigureError};
 use crate::experiment::tracking::judge::gauge;
 use crate::experiment::with_room;
 use crate::graph::joint::problem::Problem;
@@ -34,7 +35,11 @@ const OFF: [f64; 2] = [4e-3, 0.12];
 const CONTACTS: usize = 120;
 
 /// Nodes around the object, lines for edges.
-pub(super) fn graph(title: &str, objects: &[&str], drawn: &mut Drawn) -> Result<(), FigureError> {
+pub(super) fn graph(
+    title: &str,
+    objects: &[&str],
+    drawn: &mut Drawn<Numbers>,
+) -> Result<(), FigureError> {
     let mut panels = Vec::new();
     for object in objects {
         let subject = Subject::new(object, 50.0)?;
@@ -62,7 +67,7 @@ pub(super) fn graph(title: &str, objects: &[&str], drawn: &mut Drawn) -> Result<
             count - 1,
             edges.len()
         );
-        drawn.notes.push(format!("{}: {note}", subject.options.object));
+        drawn.numbers.notes.push(format!("{}: {note}", subject.options.object));
         panels.push(Panel {
             title: subject.options.object.to_string(),
             note,
@@ -99,7 +104,7 @@ pub(super) fn faces(
     title: &str,
     objects: &[&str],
     seeds: u64,
-    drawn: &mut Drawn,
+    drawn: &mut Drawn<Numbers>,
 ) -> Result<(), FigureError> {
     let mut panels = Vec::new();
     for object in objects {
@@ -140,7 +145,7 @@ pub(super) fn faces(
             }
         }
         let show = |all: Vec<f64>| Spread::of(all).map_or("–".to_owned(), |s| s.to_string());
-        drawn.notes.push(format!(
+        drawn.numbers.notes.push(format!(
             "{object}: {CONTACTS} contacts on {sides} sides; faces of three contacts or more: {}; \
              contacts whose face is their side's: {} %",
             show(found),
@@ -199,7 +204,7 @@ pub(super) fn alignment(
     title: &str,
     objects: &[&str],
     seeds: u64,
-    drawn: &mut Drawn,
+    drawn: &mut Drawn<Numbers>,
 ) -> Result<(), FigureError> {
     let mut panels = Vec::new();
     for object in objects {
@@ -228,7 +233,7 @@ pub(super) fn alignment(
                 all.map(|v| Spread::of(v).map_or("–".to_owned(), |s| s.to_string()));
             format!("{mm} mm, {degrees}°")
         };
-        drawn.notes.push(format!(
+        drawn.numbers.notes.push(format!(
             "{object}: {} pairs of similar grasps; relative pose off by {} before, {} after",
             before[0].len(),
             show(before),

@@ -9,15 +9,14 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{NEAR, Reachable, bench, settings};
+use crate::experiment::figure::{Drawn, FigureError};
 use crate::experiment::{Spread, with_room};
-use crate::explore::episode::Error as ExploreError;
 use crate::explore::{Belief, Criterion, Settings, explore_until};
 use crate::shape::{Field, Geometry};
 use crate::sim::{ObjectSpec, SimError};
 use crate::slam::choose::Choice;
 use crate::slam::reconstruct::shape;
 use crate::space::{Point, Pose};
-use crate::view::drawing::{Drawing, PictureError};
 use crate::view::sheet::{self, Panel, Sheet};
 
 /// The thesis does not say how large its cube is.
@@ -80,32 +79,13 @@ pub struct Line {
     pub greatest_mm: Option<Spread>,
 }
 
-/// A figure's numbers and its picture.
-#[derive(Clone, Debug, Serialize)]
-pub struct Drawn {
-    /// What is shown.
-    pub title: &'static str,
-    /// What the thesis says of it.
-    pub thesis: &'static str,
-    /// The numbers.
+/// The numbers of a figure.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Numbers {
+    /// What was explored.
+    pub object: &'static str,
+    /// Row by row.
     pub lines: Vec<Line>,
-    /// The picture.
-    #[serde(skip)]
-    pub picture: Drawing,
-}
-
-/// Why a figure could not be made.
-#[derive(Debug, thiserror::Error)]
-pub enum FigureError {
-    /// Nothing to explore.
-    #[error(transparent)]
-    Simulation(#[from] SimError),
-    /// Nothing came of it.
-    #[error(transparent)]
-    Exploration(#[from] ExploreError),
-    /// Nothing to see.
-    #[error(transparent)]
-    Picture(#[from] PictureError),
 }
 
 /// What was believed after some grasp.
@@ -123,7 +103,7 @@ impl Figure {
     ///
     /// # Errors
     /// When nothing comes of an exploration, or the picture cannot be drawn.
-    pub fn draw(&self, seeds: u64) -> Result<Drawn, FigureError> {
+    pub fn draw(&self, seeds: u64) -> Result<Drawn<Numbers>, FigureError> {
         let spec: ObjectSpec = CUBE.parse().map_err(SimError::from)?;
         let truth = spec.geometry().map_err(SimError::from)?;
         let reachable = with_room(|| Reachable::of(&truth));
@@ -144,7 +124,8 @@ impl Figure {
         };
         let columns = if self.progress { 3 } else { 2 };
         let picture = sheet::render(&Sheet { title: self.title.into(), columns, panels })?;
-        Ok(Drawn { title: self.title, thesis: self.thesis, lines, picture })
+        let numbers = Numbers { object: CUBE, lines };
+        Ok(Drawn { title: self.title, thesis: self.thesis, numbers, picture })
     }
 
     fn explore(
@@ -253,10 +234,9 @@ fn pair(shot: &Shot, truth: &Geometry) -> [Panel; 2] {
     [surface, faces]
 }
 
-impl fmt::Display for Drawn {
+impl fmt::Display for Numbers {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{} ({CUBE})", self.title)?;
-        writeln!(f, "  thesis: {}", self.thesis)?;
+        writeln!(f, "  object: {}", self.object)?;
         writeln!(
             f,
             "  {:<12}{:>8}  {:<24}{:<24}{:<22}greatest mm",

@@ -11,7 +11,9 @@ pub(super) struct Cdr(Vec<u8>);
 impl Cdr {
     /// An empty message.
     pub fn new() -> Self {
-        Cdr(ENCAPSULATION.to_vec())
+        let mut bytes = Vec::with_capacity(512);
+        bytes.extend(ENCAPSULATION);
+        Cdr(bytes)
     }
 
     /// The finished message, encapsulation first.

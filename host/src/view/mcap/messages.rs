@@ -137,9 +137,13 @@ impl Cloud {
         4 * self.fields.len().max(1)
     }
 
-    /// Adds the points of a cloud of the same fields.
-    pub fn append(&mut self, other: &Cloud) {
-        self.data.extend_from_slice(&other.data);
+    /// Adds those points of a cloud of the same fields that are `wanted`, by their positions in it.
+    pub fn append(&mut self, other: &Cloud, wanted: impl Fn(usize) -> bool) {
+        for (i, point) in other.data.chunks_exact(self.step()).enumerate() {
+            if wanted(i) {
+                self.data.extend_from_slice(point);
+            }
+        }
         self.whole &= other.whole;
     }
 

@@ -415,7 +415,7 @@ fn a_long_recording_is_not_held_or_repeated() {
     let mut out = Counting(0);
     let mut recording = Recording::new(&mut out, &Heading::default()).unwrap();
     let step = step(planar(0.0, 0.0, 0.1));
-    let grasps = 3_000;
+    let grasps = 9_000;
     let mut sent = 0;
     for index in 0..grasps {
         let contacts = vec![contact(index as f64 * 1e-5, 0.0, Some(0)); 5];
@@ -423,10 +423,14 @@ fn a_long_recording_is_not_held_or_repeated() {
         recording.grasp(&grasp, Some(&step)).unwrap();
         sent = sent.max(recording.topics["/object/contacts"].1);
     }
-    assert_eq!(recording.placed.len(), 15_000);
-    assert!((20..100).contains(&sent), "{sent}");
+    // Of 45 000 contacts every fourth is kept, every grasp's among them.
+    assert_eq!((recording.felt, recording.stride), (45_000, 4));
+    assert_eq!(recording.placed.len(), 11_250);
+    assert!((40..100).contains(&sent), "{sent}");
+    assert_eq!(recording.topics["/status"].1, 1, "it never changed");
+    assert_eq!(recording.topics["/modes"].1, grasps as u32, "several poses all the time");
     recording.finish().unwrap();
-    assert!(out.0 < 6_000_000, "{}", out.0);
+    assert!(out.0 < 16_000_000, "{}", out.0);
 }
 
 #[test]
