@@ -4,6 +4,10 @@
 //! the odometry between their ends make a cycle, which closes up to noise where both are right and
 //! hardly ever where one is random (as in Latif, Cadena & Neira 2013). How much an agreement says is
 //! weighed against chance: cycles with long odometry close loosely and say little.
+//!
+//! A robot that takes one place for another does so for a while, too: agreement within one look is no evidence
+//! that it is right. It says what is right or wrong together; the evidence is agreement with odometry alone
+//! or with closures of another look.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -11,11 +15,25 @@ use nalgebra::SVector;
 
 use super::chordal::harmonic_mean;
 use super::evidence::Chance;
+use super::odometry::Sets;
 use super::rigid::Rigid;
 use super::{Edge, PoseGraph};
 
-/// Cycles looked at for each closure: with its nearest neighbours.
+/// Cycles looked at for each closure: with its nearest neighbours outside of its look,
 const NEIGHBOURS: usize = 16;
+
+/// and in it.
+const MATES: usize = 8;
+
+/// Steps at both ends together within which two closures are one look: a robot that takes one place for
+/// another does so as long as it sees it, and the closures of that time agree whether they are right or
+/// not.
+const LOOKS: [usize; 5] = [16, 8, 4, 2, 0];
+
+/// A shorter look is assumed where the longer one leaves fewer than one in so many of the closures that agree
+/// with any other: where odometry is too poor to compare what lies farther apart, there is
+/// nothing else to begin with.
+const FEW: usize = 8;
 
 /// Of these, the nearest ones that tell how large errors are.
 const NEAREST: usize = 2;
@@ -121,8 +139,11 @@ fn doubt<G: Rigid<D, N>, const D: usize, const N: usize>(edge: &Edge<G, D>) -> D
 /// Agreement of short cycles.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Support {
-    /// Which edges belong to a cycle that closes better than by chance.
+    /// Which edges belong to a cycle that closes better than by chance, with odometry alone or with
+    /// a closure of another look.
     pub edges: Vec<bool>,
+    /// For every edge those of its look that it agrees with: they are right or wrong together.
+    pub mates: Vec<Vec<usize>>,
     /// Variance of errors in units of what information claims, as the cycles show it.
     pub variance: f64,
 }
@@ -136,6 +157,8 @@ struct Closing {
     squared: [f64; 2],
     /// Variances per axis of the same, as claimed.
     claimed: [f64; 2],
+    /// Steps between them at both ends together; none where the cycle is of odometry alone.
+    apart: usize,
 }
 
 impl Closing {
@@ -152,7 +175,7 @@ impl Closing {
         let translation: f64 = cycle.iter().map(|part| part.translation).sum();
         let translation = translation + turn * lever * length / 4.0;
         let squared = [error.rows(0, N).norm_squared(), error.rows(N, D - N).norm_squared()];
-        Closing { edges, squared, claimed: [translation, rotation] }
+        Closing { edges, squared, claimed: [translation, rotation], apart: usize::MAX }
     }
 }
 
@@ -183,13 +206,57 @@ fn conclude<const D: usize, const N: usize>(
 ) -> Support {
     let variance = variance::<D, N>(chance, near);
     let least = ODDS.max((all.len() as f64).ln());
-    let mut supported = vec![false; edges];
-    for cycle in all {
-        if chance.isotropic::<D, N>(cycle.squared, cycle.claimed, variance) > least {
-            cycle.edges.iter().for_each(|&edge| supported[edge] = true);
+    let odds: Vec<f64> = all
+        .iter()
+        .map(|cycle| chance.isotropic::<D, N>(cycle.squared, cycle.claimed, variance))
+        .collect();
+    let agreeing = |least: f64| {
+        let pairs = all.iter().zip(&odds).filter(move |(_, odds)| **odds > least);
+        pairs.map(|(cycle, _)| (cycle.edges, cycle.apart))
+    };
+    let support_with = |look: usize| support(edges, agreeing(least), look);
+    let count = |edges: &[bool]| edges.iter().filter(|&&edge| edge).count();
+    let [longest, shorter @ ..] = LOOKS;
+    let (mut look, mut supported) = (longest, support_with(longest));
+    let most = count(&support_with(0));
+    for shorter in shorter {
+        if FEW * count(&supported) >= most {
+            break;
+        }
+        (look, supported) = (shorter, support_with(shorter));
+    }
+    let mut mates = vec![Vec::new(); edges];
+    for ([edge, other], _) in agreeing(ODDS).filter(|(_, apart)| *apart <= look) {
+        mates[edge].push(other);
+        mates[other].push(edge);
+    }
+    for mates in &mut mates {
+        mates.sort_unstable();
+        mates.dedup();
+    }
+    Support { edges: supported, mates, variance }
+}
+
+/// Which edges agree with odometry or with one of another look, by themselves or through those of their own.
+fn support(
+    edges: usize,
+    agreeing: impl Iterator<Item = ([usize; 2], usize)>,
+    look: usize,
+) -> Vec<bool> {
+    let mut from_outside = vec![false; edges];
+    let mut sure = Sets::new(edges);
+    for ([edge, other], apart) in agreeing {
+        if apart <= look {
+            sure.join(edge, other);
+        } else {
+            (from_outside[edge], from_outside[other]) = (true, true);
         }
     }
-    Support { edges: supported, variance }
+    let mut supported = vec![false; edges];
+    (0..edges)
+        .filter(|&edge| from_outside[edge])
+        .for_each(|edge| supported[sure.root(edge)] = true);
+    (0..edges).map(|edge| supported[sure.root(edge)]).collect()
 }
 
 /// Which edges that are not trusted agree with another one nearby or, over few steps, with the
@@ -234,20 +301,18 @@ pub(super) fn supported<G: Rigid<D, N>, const D: usize, const N: usize>(
                 }));
             }
         }
-        if around.len() > NEIGHBOURS {
-            around.select_nth_unstable(NEIGHBOURS - 1);
-            around.truncate(NEIGHBOURS);
-        }
         around.sort_unstable();
+        let within = around.partition_point(|&(apart, _)| apart <= LOOKS[0]);
+        let (look, others) = around.split_at(within);
         let mut told = 0;
-        for &(_, other) in &around {
+        for &(apart, other) in look.iter().take(MATES).chain(others.iter().take(NEIGHBOURS)) {
             let (second, start, end, between, doubt) = closures[other];
             let ways = chain.way(from, start).zip(chain.way(end, to));
             let Some(((before, first), (after, last))) = ways else { continue };
             let around = before.compose(&between).compose(&after);
             let error = G::error(&G::identity(), &around, &measured);
             let parts = [own, first, doubt, last];
-            let cycle = Closing::new::<D, N>([index, second], &error, &parts);
+            let cycle = Closing { apart, ..Closing::new::<D, N>([index, second], &error, &parts) };
             if told < NEAREST {
                 near.push(cycle);
                 told += 1;

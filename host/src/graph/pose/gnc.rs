@@ -7,8 +7,9 @@
 //! the map bends it until right ones look wrong, fills the factor, and no fixed error
 //! divides right from wrong where information claims too much. So annealing is the second step of three:
 //!
-//! 1. the start is what short cycles support (`cycles`): closures side by side that agree, by odds against
-//!    chance, under the scale of errors at which all cycles together are most probable;
+//! 1. the start is what short cycles support (`cycles`): closures that agree with odometry or with those of
+//!    another look, by odds against chance, under the scale of errors at which all cycles together
+//!    are most probable;
 //! 2. where some of these contradict the others, and they are many, they are annealed, every round from the
 //!    chordal relaxation with its weights, which stands for the global solver that the method
 //!    asks for; a few are left out one after the other;
@@ -161,7 +162,7 @@ pub fn gnc<G: Rigid<D, N>, const D: usize, const N: usize>(
         _ => supported(graph, &ranks(graph), &trusted, &chance),
     };
     chance.variance = support.variance;
-    let mut search = Search::new(&start, options, &trusted, &support.edges, chance);
+    let mut search = Search::new(&start, options, &trusted, support, chance);
     search.run::<N>().map_err(|error| match error {
         // What was left out had held the pose.
         Error::Unconstrained { id, .. } if options.trust == Trust::Nothing => {
