@@ -377,3 +377,69 @@ pub(super) fn agreeing<G: Rigid<D, N>, const D: usize, const N: usize>(
     }
     conclude::<D, N>(graph.edges.len(), chance, &all, &all)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::odometry::{odometry_edges, ranks};
+    use super::super::{Group, Se2};
+    use super::*;
+
+    const STEPS: usize = 60;
+
+    /// Rounds of a square of four times fifteen metres with exact odometry, and closures between these steps of the
+    /// first and second round, displaced by so many metres.
+    fn rounds(closures: &[(usize, usize, f64)]) -> (PoseGraph<Se2, 3>, Vec<bool>) {
+        let step = |k: usize| {
+            let turn = if k % 15 == 14 { std::f64::consts::FRAC_PI_2 } else { 0.0 };
+            Se2::new(1.0, 0.0, turn)
+        };
+        let information = nalgebra::Matrix3::identity() * 1e4;
+        let edge = |from, to, measured| Edge { from, to, measured, information };
+        let mut edges: Vec<_> = (1..2 * STEPS).map(|k| edge(k - 1, k, step(k - 1))).collect();
+        for &(from, to, off) in closures {
+            let way = (from..STEPS + to).fold(Se2::identity(), |pose, k| pose.compose(&step(k)));
+            edges.push(edge(from, STEPS + to, Se2::new(off, 0.0, 0.0).compose(&way)));
+        }
+        let poses = vec![Se2::identity(); 2 * STEPS];
+        let graph = PoseGraph { ids: (0..2 * STEPS as u64).collect(), poses, edges, fixed: vec![] };
+        let trusted = odometry_edges(&graph);
+        (graph, trusted)
+    }
+
+    fn supports(closures: &[(usize, usize, f64)]) -> Support {
+        let (graph, trusted) = rounds(closures);
+        let chance = Chance::new::<3, 2>(15.0);
+        let Support { edges, mates, variance } =
+            supported(&graph, &ranks(&graph), &trusted, &chance);
+        let own = 2 * STEPS - 1;
+        let mates = mates[own..].iter().map(|mates| mates.iter().map(|m| m - own).collect());
+        Support { edges: edges[own..].to_vec(), mates: mates.collect(), variance }
+    }
+
+    #[test]
+    fn one_look_does_not_support_itself_and_others_do() {
+        // Two looks that are right, and one that is off by five metres.
+        let right = [(0, 0, 0.0), (1, 1, 0.0), (30, 30, 0.0), (31, 31, 0.0)];
+        let wrong = [(45, 20, 5.0), (46, 21, 5.0), (47, 22, 5.0)];
+        let found = supports(&[&right[..], &wrong[..]].concat());
+        assert_eq!(found.edges, [true, true, true, true, false, false, false]);
+        let mates: Vec<Vec<usize>> =
+            vec![vec![1], vec![0], vec![3], vec![2], vec![5, 6], vec![4, 6], vec![4, 5]];
+        assert_eq!(found.mates, mates);
+    }
+
+    #[test]
+    fn a_closure_that_disagrees_with_its_look_is_no_mate() {
+        let closures = [(0, 0, 0.0), (1, 1, 0.0), (2, 2, 7.0), (30, 30, 0.0), (31, 31, 0.0)];
+        let found = supports(&closures);
+        assert_eq!(found.edges, [true, true, false, true, true]);
+        assert!(found.mates[2].is_empty() && found.mates[0] == [1]);
+    }
+
+    #[test]
+    fn nothing_supports_what_is_alone_or_not_there() {
+        assert_eq!(supports(&[(10, 40, 6.0)]).edges, [false]);
+        let none = supports(&[]);
+        assert!(none.edges.is_empty() && none.mates.is_empty() && none.variance == 1.0);
+    }
+}

@@ -307,6 +307,41 @@ mod tests {
         assert!(100 * passed <= all, "{passed} of {all}");
     }
 
+    /// Three in a row that agree: one place is taken for another for a while.
+    fn alike<G: Rigid<D, N>, const D: usize, const N: usize>(seed: u64, groups: usize) {
+        let mut clean = grid::<G, D>(seed, 14, 0.02);
+        optimize(&mut clean, &Options::default()).unwrap();
+        let mut spoiled = clean.clone();
+        let mut random = Random::new(seed);
+        let information = clean.edges[0].information;
+        for _ in 0..groups {
+            let (a, b) = (random.index(90), 100 + random.index(90));
+            let motion: G = random.anywhere(10.0);
+            for step in 0..3 {
+                let before = clean.poses[a + step].between(&clean.poses[a]);
+                let after = clean.poses[b].between(&clean.poses[b + step]);
+                let measured = before.compose(&motion).compose(&after);
+                spoiled.edges.push(Edge { from: a + step, to: b + step, measured, information });
+            }
+        }
+        spoiled.poses.fill(G::identity());
+        spoiled.poses[0] = clean.poses[0];
+        let found = gnc(&mut spoiled, &Gnc::default()).unwrap();
+        let right = clean.edges.len();
+        let passed = (right..spoiled.edges.len()).filter(|&edge| found.is_inlier(edge)).count();
+        let lost = (0..right).filter(|&edge| !found.is_inlier(edge)).count();
+        let apart = distance(&spoiled.poses, &clean.poses);
+        assert!(passed == 0 && lost <= 1 && apart < 1e-3, "{seed}: {passed} {lost} {apart}");
+    }
+
+    #[test]
+    fn false_closures_that_agree_are_found_out() {
+        for seed in 0..6 {
+            alike::<Se2, 3, 2>(seed, 20);
+            alike::<Se3, 6, 3>(seed, 20);
+        }
+    }
+
     #[test]
     fn without_trusted_odometry_the_answer_is_right_or_refused() {
         let options = Gnc { trust: Trust::Nothing, ..Gnc::default() };
