@@ -353,14 +353,9 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
             candidates.push((index, verdict));
         }
         // What would agree anyway says nothing by its agreement: mates count as one, the middle one.
-        let mut around = Vec::new();
-        for (index, _) in &candidates {
-            around.clear();
-            around.push(judged[*index]);
-            let mates = self.mates[*index].iter().map(|&mate| judged[mate]);
-            around.extend(mates.filter(|odds| !odds.is_nan()));
-            around.sort_by(f64::total_cmp);
-            self.evidence[*index] = around[(around.len() - 1) / 2];
+        for &(index, _) in &candidates {
+            let mates = self.mates[index].iter().map(|&mate| judged[mate]);
+            self.evidence[index] = middle(judged[index], mates);
         }
         self.learn_prior();
         let (mut entrants, mut open) = (Vec::new(), Vec::new());
@@ -442,5 +437,26 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
             own.root(first) != own.root(pose)
         });
         apart.map(|pose| self.graph.ids[pose])
+    }
+}
+
+/// The middle of an edge's log odds and of those of its mates that have any (are not NaN); of two the lower.
+fn middle(own: f64, mates: impl Iterator<Item = f64>) -> f64 {
+    let mut odds: Vec<f64> = mates.filter(|odds| !odds.is_nan()).collect();
+    odds.push(own);
+    odds.sort_by(f64::total_cmp);
+    odds[(odds.len() - 1) / 2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::middle;
+
+    #[test]
+    fn one_lucky_mate_does_not_speak_for_all() {
+        assert_eq!(middle(9.0, [-3.0, -1.0, -2.0, f64::NAN].into_iter()), -2.0);
+        assert_eq!(middle(-9.0, [3.0, 1.0].into_iter()), 1.0);
+        assert_eq!(middle(5.0, [-5.0].into_iter()), -5.0);
+        assert_eq!(middle(5.0, std::iter::empty()), 5.0);
     }
 }

@@ -437,6 +437,19 @@ mod tests {
     }
 
     #[test]
+    fn support_is_shared_within_a_look() {
+        let pairs = [([0, 1], 2), ([1, 2], 4), ([2, 5], 30), ([3, 4], 2)];
+        let within = |look: usize| support(6, pairs.into_iter(), look);
+        assert_eq!(within(16), [true, true, true, false, false, true]);
+        // What is farther apart than a look is another one.
+        assert_eq!(within(3), [true, true, true, false, false, true]);
+        assert_eq!(within(0), [true; 6]);
+        assert_eq!(within(30), [false; 6]);
+        // With odometry alone.
+        assert_eq!(support(2, [([1, 1], usize::MAX)].into_iter(), 16), [false, true]);
+    }
+
+    #[test]
     fn nothing_supports_what_is_alone_or_not_there() {
         assert_eq!(supports(&[(10, 40, 6.0)]).edges, [false]);
         let none = supports(&[]);
