@@ -87,7 +87,8 @@ struct PartArgs {
     /// table-4.3 planes]
     #[arg(long, value_enum)]
     graph: Option<graph::Kind>,
-    /// Of tracking: which part of the contacts is wild [default: 0]
+    /// Of tracking: which part of the contacts is wild [default: 0]; of pose-graph-outliers: only this
+    /// part of the closures false, at random and in groups [default: 0.1, 0.3 and 0.5]
     #[arg(long, value_name = "PART")]
     outliers: Option<f64>,
     /// Of tracking: how many in a run [default: 16 in the plane, 20 in space]
@@ -135,6 +136,7 @@ impl PartArgs {
             SOLIDS[1],
             PLANNING,
         ];
+        const SPOILED: &[&str] = &[TRACKING, CONSISTENCY, POSE_GRAPH_OUTLIERS];
         const CORRECTED: &[&str] = &[TRACKING, MUJOCO, EXPLORATION[1]];
         let options: [(_, &'static [&'static str], bool); 11] = [
             ("--object", ALL, !self.object.is_empty()),
@@ -143,7 +145,7 @@ impl PartArgs {
             ("--contacts", &[SHAPES], !self.contacts.is_empty()),
             ("--tracker", TRACKERS, !self.tracker.is_empty()),
             ("--graph", CORRECTED, self.graph.is_some()),
-            ("--outliers", SIMULATED, self.outliers.is_some()),
+            ("--outliers", SPOILED, self.outliers.is_some()),
             ("--grasps", SIMULATED, self.grasps.is_some()),
             ("--criterion", &EXPLORATION, !self.criterion.is_empty()),
             ("--candidates", &EXPLORATION, !self.candidates.is_empty()),
@@ -458,9 +460,14 @@ fn optimise_graphs(args: &ReproduceArgs) -> Result<(), Error> {
 fn spoil_graphs(args: &ReproduceArgs) -> Result<(), Error> {
     let first = args.part.first_seed.unwrap_or(0);
     let seeds = first..first.saturating_add(args.seeds());
+    let share = args.part.outliers.map(|part| match (100.0 * part).round() {
+        percent if (1.0..=90.0).contains(&percent) => Ok(percent as u32),
+        _ => Err(Error::input(format!("--outliers {part}: expected a part from 0.01 to 0.9"))),
+    });
     let rows = watch(args, outliers::heading());
-    let table =
-        outliers::run(data().as_deref(), &args.part.object, seeds, rows).map_err(Error::input)?;
+    let object = &args.part.object;
+    let table = outliers::run(data().as_deref(), object, share.transpose()?, seeds, rows)
+        .map_err(Error::input)?;
     conclude(args, &Outcome::pictured(POSE_GRAPH_OUTLIERS, &table, table.picture())?)
 }
 

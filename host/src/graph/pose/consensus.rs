@@ -3,9 +3,11 @@
 //! Each round solves the graph with the closures accepted so far, asks of each of them whether it
 //! agrees with the *others* (its error as if it had taken no part), leaves out what does not, and
 //! takes in what agrees with the optimum given how uncertain that is. Where it is hardly
-//! uncertain all that agree are taken at once; where it is, the most certain first, since each of them
+//! uncertain all that agree are taken at once; where it is, those that are certain first, since each of them
 //! changes what is known of the others. Chain rule: the evidence of a set is the product of the evidence of
-//! its members, each given those before. How probable a closure was before its evidence is learned with
+//! its members, each given those before. Closures of one look agree whether they are right or not:
+//! such a group is one hypothesis (the clusters of Latif, Cadena & Neira 2013) and has the evidence of its
+//! middle member, once. How probable a closure was before its evidence is learned with
 //! them: where most of those that cycles did not support are random, weak evidence is not enough.
 
 use std::collections::HashMap;
@@ -13,10 +15,11 @@ use std::collections::HashMap;
 use nalgebra::{SMatrix, SVector};
 
 use super::chordal::chordal_in;
-use super::evidence::{Chance, Verdict, scale};
+use super::cycles::Support;
+use super::evidence::{Chance, Verdict};
 use super::gnc::{Annealing, Gnc};
-use super::odometry::Sets;
 use super::optimizer::{Optimizer, Options};
+use super::part::{Part, pieces};
 use super::rigid::Rigid;
 use super::spread::Spread;
 use super::{Error, Group, PoseGraph};
@@ -52,10 +55,16 @@ pub(super) struct Search<'a, G, const D: usize> {
     trusted: &'a [bool],
     options: &'a Gnc,
     left_out: Vec<u8>,
-    /// Which edges had support from the start, and the log odds that another one is right before
-    /// anything is known of it.
+    /// Which edges had support from the start, and which others every edge would be wrong with.
     supported: Vec<bool>,
-    prior: f64,
+    mates: Vec<Vec<usize>>,
+    /// Log odds that an edge and its mates are right, when they were last judged from outside.
+    evidence: Vec<f64>,
+    /// The covariance of the error of edges that were not accepted, when it was last asked for, if no
+    /// edge was left out since.
+    known: HashMap<usize, SMatrix<f64, D, D>>,
+    /// Log odds that an edge without mates, and one with them, is right before anything is known of it.
+    prior: [f64; 2],
 }
 
 /// An edge of the optimum and how it agrees with the others.
@@ -73,16 +82,20 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
         graph: &PoseGraph<G, D>,
         options: &'a Gnc,
         trusted: &'a [bool],
-        first: &[bool],
+        support: Support,
         chance: Chance,
     ) -> Self {
-        let accepted = first.iter().zip(trusted).map(|(first, trusted)| *first || *trusted);
+        let Support { edges: supported, mates, .. } = support;
+        let accepted = supported.iter().zip(trusted).map(|(first, trusted)| *first || *trusted);
         Search {
             accepted: accepted.collect(),
             odds: trusted.iter().map(|&t| if t { f64::INFINITY } else { 0.0 }).collect(),
             left_out: vec![0; trusted.len()],
-            supported: first.to_vec(),
-            prior: 0.0,
+            evidence: vec![0.0; mates.len()],
+            supported,
+            mates,
+            known: HashMap::new(),
+            prior: [0.0; 2],
             graph: graph.clone(),
             rounds: 0,
             chance,
@@ -98,6 +111,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
     {
         let claimed = self.chance.variance;
         let mut expected = 0.0;
+        let mut forgiven = false;
         for round in 0..ROUNDS {
             let mut part = Part::new(&self.graph, &self.accepted);
             let mut optimizer = Optimizer::new(&part.graph)?;
@@ -117,7 +131,21 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
                     .filter(|member| !self.stays(part.edges[member.at], &member.verdict))
                     .collect();
                 if failing.is_empty() || round + 1 == ROUNDS {
-                    break self.entrants::<N>(&part, &mut spread);
+                    let mut entrants = self.entrants::<N>(&part, &mut spread);
+                    if entrants.is_empty() && round + 1 < ROUNDS {
+                        // Nothing is left to be learned: what is more probably random goes.
+                        failing = members.iter().filter(|m| self.is_doubtful(&part, m)).collect();
+                        if failing.is_empty() && !std::mem::replace(&mut forgiven, true) {
+                            entrants = self.forgive::<N>(&part, &mut spread);
+                        }
+                    }
+                    if failing.is_empty() || round + 1 == ROUNDS {
+                        if entrants.is_empty() || round + 1 == ROUNDS {
+                            self.judge_all::<N>(&part, members);
+                        }
+                        break entrants;
+                    }
+                    annealed = true;
                 }
                 if !annealed && 20 * failing.len() > members.len() && failing.len() > 4 {
                     // Too many to tell who spoils whom.
@@ -157,13 +185,14 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
     }
 
     fn leave_out(&mut self, edge: usize) {
+        self.known.clear();
         self.accepted[edge] = false;
         self.left_out[edge] = self.left_out[edge].saturating_add(1);
     }
 
     /// Whether an accepted edge may remain one: unless it is certain to be wrong.
     fn stays(&self, edge: usize, verdict: &Verdict) -> bool {
-        let prior = if self.supported[edge] { 0.0 } else { self.prior };
+        let prior = if self.supported[edge] { 0.0 } else { self.prior_of(edge) };
         match self.options.barrier {
             Some(barrier) => verdict.chi2 < barrier,
             None => verdict.odds + prior > -CERTAIN,
@@ -171,27 +200,39 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
     }
 
     /// Whether others may enter.
-    fn enters(&self, verdict: &Verdict) -> bool {
+    fn enters(&self, edge: usize, verdict: &Verdict) -> bool {
         self.options.barrier.is_none_or(|barrier| verdict.chi2 < barrier)
-            && verdict.odds + self.prior > 0.0
+            && verdict.odds + self.prior_of(edge) > 0.0
     }
 
-    /// Log odds that an edge without support from the start is right, before its own evidence: of the share
-    /// under which the evidence of all of these is most probable. Where hundreds of random
-    /// closures are left, some are near the truth by chance.
+    /// Log odds that an edge without support is right before its own evidence.
+    fn prior_of(&self, edge: usize) -> f64 {
+        self.prior[usize::from(!self.mates[edge].is_empty())]
+    }
+
+    /// Log odds that an edge without support from the start is right, before its own evidence:
+    /// of the share under which the evidence of all of these is most probable. Where hundreds of
+    /// random closures are left, some are near the truth by chance.
     fn learn_prior(&mut self) {
-        let edges = 0..self.odds.len();
-        let unsupported = edges.filter(|&edge| !self.trusted[edge] && !self.supported[edge]);
-        let odds: Vec<f64> = unsupported.map(|edge| self.odds[edge]).collect();
-        self.prior = 0.0;
-        for _ in 0..30 {
-            let right: f64 = odds.iter().map(|odds| 1.0 / (1.0 + (-odds - self.prior).exp())).sum();
-            // Before any, both are as probable.
-            self.prior = ((1.0 + right) / (1.0 + odds.len() as f64 - right)).ln();
+        for several in [false, true] {
+            let like = |edge: &usize| self.mates[*edge].is_empty() != several;
+            let unsupported = |edge: &usize| !self.trusted[*edge] && !self.supported[*edge];
+            let edges = (0..self.odds.len()).filter(like).filter(unsupported);
+            let odds: Vec<f64> = edges
+                .map(|edge| if several { self.evidence[edge] } else { self.odds[edge] })
+                .collect();
+            let mut prior = 0.0;
+            for _ in 0..30 {
+                let right: f64 = odds.iter().map(|odds| 1.0 / (1.0 + (-odds - prior).exp())).sum();
+                // Before any, both are as probable.
+                prior = ((1.0 + right) / (1.0 + odds.len() as f64 - right)).ln();
+            }
+            self.prior[usize::from(several)] = prior;
         }
     }
 
-    /// The accepted edges that are not trusted, judged by the variance that they show together.
+    /// The accepted edges that are not trusted, judged by the variance that they show together. Of
+    /// what had support and agrees well, odds are left open.
     fn members<const N: usize>(
         &mut self,
         part: &Part<G, D>,
@@ -209,20 +250,65 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
                 let poses = &part.graph.poses;
                 let slope = G::linearise(&poses[edge.from], &poses[edge.to], &edge.measured);
                 let (error, spread) = (slope.error, spread.of(edge.from, edge.to, &slope));
-                let verdict = self.chance.inside::<D, N>(&error, &edge.information, &spread);
+                let verdict = self.chance.fit::<D, N>(&error, &edge.information, &spread);
                 Member { at, error, spread, verdict }
             })
             .collect();
         let redundant = members.iter().filter(|member| member.verdict.doubt.is_finite());
-        let variance = self.chance.variance;
-        let squared: Vec<f64> = redundant.map(|member| member.verdict.chi2 * variance).collect();
-        self.chance.variance = scale::<D>(&squared, claimed);
+        let before = self.chance.variance;
+        let squared: Vec<f64> = redundant.map(|member| member.verdict.chi2 * before).collect();
+        self.chance.learn::<D>(&squared, claimed);
         for member in &mut members {
-            let information = &part.graph.edges[member.at].information;
-            member.verdict = self.chance.inside::<D, N>(&member.error, information, &member.spread);
-            self.odds[part.edges[member.at]] = member.verdict.odds;
+            let index = part.edges[member.at];
+            member.verdict.chi2 *= before / self.chance.variance;
+            // Odds are at least −χ²/2.
+            if self.supported[index] && member.verdict.chi2 < 2.0 * CERTAIN {
+                self.odds[index] = f64::NAN;
+            } else {
+                self.judge::<N>(part, member);
+            }
         }
         members
+    }
+
+    /// Which edges may come back after all: some may have been left out because of others that are gone.
+    fn forgive<const N: usize>(&mut self, part: &Part<G, D>, spread: &mut Spread<D>) -> Vec<usize>
+    where
+        G: Rigid<D, N>,
+    {
+        if self.left_out.iter().all(|&times| times < PATIENCE) {
+            return Vec::new();
+        }
+        self.left_out.iter_mut().for_each(|times| *times = (*times).min(PATIENCE - 1));
+        self.entrants::<N>(part, spread)
+    }
+
+    /// Whether an accepted edge without support is more probably random.
+    fn is_doubtful(&self, part: &Part<G, D>, member: &Member<D>) -> bool {
+        let edge = part.edges[member.at];
+        !self.supported[edge] && !self.enters(edge, &member.verdict)
+    }
+
+    /// The odds that were left open.
+    fn judge_all<const N: usize>(&mut self, part: &Part<G, D>, mut members: Vec<Member<D>>)
+    where
+        G: Rigid<D, N>,
+    {
+        for member in &mut members {
+            if self.odds[part.edges[member.at]].is_nan() {
+                self.judge::<N>(part, member);
+            }
+        }
+    }
+
+    /// An accepted edge judged as if it were not.
+    fn judge<const N: usize>(&mut self, part: &Part<G, D>, member: &mut Member<D>)
+    where
+        G: Rigid<D, N>,
+    {
+        let information = &part.graph.edges[member.at].information;
+        member.verdict = self.chance.inside::<D, N>(&member.error, information, &member.spread);
+        self.odds[part.edges[member.at]] = member.verdict.odds;
     }
 
     /// Which other edges are to be accepted next.
@@ -233,6 +319,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
         let poses = &part.graph.poses;
         let mut pieces = part.pieces();
         let mut candidates = Vec::new();
+        let mut judged = vec![f64::NAN; self.odds.len()];
         let mut joining: HashMap<(usize, usize), Vec<usize>> = HashMap::new();
         for (index, edge) in self.graph.edges.iter().enumerate() {
             if self.accepted[index] || self.left_out[index] >= PATIENCE {
@@ -244,32 +331,49 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
                 continue;
             }
             let slope = G::linearise(&poses[edge.from], &poses[edge.to], &edge.measured);
+            let chance = self.chance;
             let judge = |spread: SMatrix<f64, D, D>| {
-                self.chance.outside::<D, N>(&slope.error, &edge.information, &spread)
+                chance.outside::<D, N>(&slope.error, &edge.information, &spread)
             };
-            let bound = judge(spread.bound(edge.from, edge.to, &slope));
+            // With every edge that entered since, it has become less.
+            let known = self.known.get(&index).copied();
+            let bound = judge(known.unwrap_or_else(|| spread.bound(edge.from, edge.to, &slope)));
             // As if the error were as large as the poses' doubt allows, and surprising all the same.
             let most = bound.odds + 0.5 * D as f64 * bound.doubt.ln();
-            let hopeless = most + self.prior.max(0.0) < 0.0;
-            let verdict = match hopeless {
-                true => Verdict { odds: most, ..bound },
-                false => judge(spread.of(edge.from, edge.to, &slope)),
+            let hopeless = most + self.prior_of(index).max(0.0) < 0.0;
+            let verdict = if hopeless {
+                Verdict { odds: most, ..bound }
+            } else {
+                let own = spread.of(edge.from, edge.to, &slope);
+                self.known.insert(index, own);
+                judge(own)
             };
             self.odds[index] = verdict.odds;
-            if !hopeless {
-                candidates.push((index, verdict));
-            }
+            judged[index] = verdict.odds;
+            candidates.push((index, verdict));
+        }
+        // What would agree anyway says nothing by its agreement: mates count as one, the middle one.
+        for &(index, _) in &candidates {
+            let mates = self.mates[index].iter().map(|&mate| judged[mate]);
+            self.evidence[index] = middle(judged[index], mates);
         }
         self.learn_prior();
-        let (mut decided, mut open) = (Vec::new(), Vec::new());
-        for (index, verdict) in candidates.into_iter().filter(|(_, v)| self.enters(v)) {
-            let list = if verdict.doubt < DECIDED { &mut decided } else { &mut open };
-            list.push((verdict.odds, index));
+        let (mut entrants, mut open) = (Vec::new(), Vec::new());
+        for (index, verdict) in candidates {
+            let evidence = self.evidence[index];
+            let odds = evidence.min(verdict.odds);
+            if !self.enters(index, &Verdict { odds, ..verdict }) {
+                continue;
+            }
+            if verdict.doubt < DECIDED {
+                entrants.push(index);
+            } else {
+                open.push((evidence, index));
+            }
         }
         open.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let certain = open.iter().take_while(|(odds, _)| *odds > CERTAIN).count();
-        let mut entrants: Vec<usize> = decided.into_iter().map(|(_, index)| index).collect();
-        entrants.extend(open[..certain.div_ceil(2)].iter().map(|&(_, index)| index));
+        let certain = open.iter().take_while(|(odds, _)| *odds > CERTAIN);
+        entrants.extend(certain.map(|&(_, index)| index));
         if entrants.is_empty() {
             entrants.extend(open.first().map(|&(_, index)| index));
         }
@@ -316,6 +420,7 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
             part.weights[at] = f64::from(inlier);
             if !inlier {
                 // No verdict: it may come back as often as any other.
+                self.known.clear();
                 self.accepted[part.edges[at]] = false;
             }
         }
@@ -335,65 +440,23 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
     }
 }
 
-/// The edges of a graph that count.
-struct Part<G, const D: usize> {
-    graph: PoseGraph<G, D>,
-    /// Their indices in the whole graph.
-    edges: Vec<usize>,
-    weights: Vec<f64>,
+/// The middle of an edge's log odds and of those of its mates that have any (are not NaN); of two the lower.
+fn middle(own: f64, mates: impl Iterator<Item = f64>) -> f64 {
+    let mut odds: Vec<f64> = mates.filter(|odds| !odds.is_nan()).collect();
+    odds.push(own);
+    odds.sort_by(f64::total_cmp);
+    odds[(odds.len() - 1) / 2]
 }
 
-impl<G: Group<D>, const D: usize> Part<G, D> {
-    fn new(whole: &PoseGraph<G, D>, accepted: &[bool]) -> Self {
-        let edges: Vec<usize> = (0..accepted.len()).filter(|&edge| accepted[edge]).collect();
-        let graph = PoseGraph {
-            ids: whole.ids.clone(),
-            poses: whole.poses.clone(),
-            edges: edges.iter().map(|&edge| whole.edges[edge].clone()).collect(),
-            fixed: whole.fixed.clone(),
-        };
-        Part { weights: vec![1.0; edges.len()], graph, edges }
-    }
+#[cfg(test)]
+mod tests {
+    use super::middle;
 
-    /// Poses to the chordal relaxation where that costs less.
-    fn relax<const N: usize>(&mut self, optimizer: &Optimizer<D>) -> Result<(), Error>
-    where
-        G: Rigid<D, N>,
-    {
-        let Ok(poses) = chordal_in(&self.graph, &optimizer.layout, None) else {
-            return Ok(());
-        };
-        let before = self.graph.chi2();
-        let old = std::mem::replace(&mut self.graph.poses, poses);
-        if !(self.graph.chi2() < before) {
-            self.graph.poses = old;
-        }
-        Ok(())
+    #[test]
+    fn one_lucky_mate_does_not_speak_for_all() {
+        assert_eq!(middle(9.0, [-3.0, -1.0, -2.0, f64::NAN].into_iter()), -2.0);
+        assert_eq!(middle(-9.0, [3.0, 1.0].into_iter()), 1.0);
+        assert_eq!(middle(5.0, [-5.0].into_iter()), -5.0);
+        assert_eq!(middle(5.0, std::iter::empty()), 5.0);
     }
-
-    /// Poses towards the optimum of the weighted edges.
-    fn solve(&mut self, optimizer: &mut Optimizer<D>, iterations: usize) -> Result<(), Error> {
-        let options = Options { max_iterations: iterations, ..Options::default() };
-        let weights = Some(&self.weights[..]);
-        optimizer.optimize_weighted(&mut self.graph, weights, &options, &mut |_| ())?;
-        Ok(())
-    }
-
-    /// Poses whose places are known relative to each other.
-    fn pieces(&self) -> Sets {
-        let counts: Vec<bool> = self.weights.iter().map(|&weight| weight > 0.0).collect();
-        pieces(&self.graph, &counts)
-    }
-}
-
-/// Poses that `counting` edges connect, and those that are fixed.
-fn pieces<G, const D: usize>(graph: &PoseGraph<G, D>, counting: &[bool]) -> Sets {
-    let mut sets = Sets::new(graph.poses.len());
-    for pair in graph.fixed.windows(2) {
-        sets.join(pair[0], pair[1]);
-    }
-    for (edge, _) in graph.edges.iter().zip(counting).filter(|(_, counts)| **counts) {
-        sets.join(edge.from, edge.to);
-    }
-    sets
 }

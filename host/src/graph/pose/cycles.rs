@@ -4,6 +4,10 @@
 //! the odometry between their ends make a cycle, which closes up to noise where both are right and
 //! hardly ever where one is random (as in Latif, Cadena & Neira 2013). How much an agreement says is
 //! weighed against chance: cycles with long odometry close loosely and say little.
+//!
+//! A robot that takes one place for another does so for a while, too: agreement within one look is no evidence
+//! that it is right. It says what is right or wrong together; the evidence is agreement with odometry alone
+//! or with closures of another look.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -11,11 +15,25 @@ use nalgebra::SVector;
 
 use super::chordal::harmonic_mean;
 use super::evidence::Chance;
+use super::odometry::Sets;
 use super::rigid::Rigid;
 use super::{Edge, PoseGraph};
 
-/// Cycles looked at for each closure: with its nearest neighbours.
+/// Cycles looked at for each closure: with its nearest neighbours outside of its look,
 const NEIGHBOURS: usize = 16;
+
+/// and in it.
+const MATES: usize = 8;
+
+/// Steps at both ends together within which two closures are one look: a robot that takes one place for
+/// another does so as long as it sees it, and the closures of that time agree whether they are right or
+/// not.
+const LOOKS: [usize; 5] = [16, 8, 4, 2, 0];
+
+/// A shorter look is assumed where the longer one leaves fewer than one in so many of the closures that agree
+/// with any other: where odometry is too poor to compare what lies farther apart, there is
+/// nothing else to begin with.
+const FEW: usize = 8;
 
 /// Of these, the nearest ones that tell how large errors are.
 const NEAREST: usize = 2;
@@ -121,8 +139,11 @@ fn doubt<G: Rigid<D, N>, const D: usize, const N: usize>(edge: &Edge<G, D>) -> D
 /// Agreement of short cycles.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Support {
-    /// Which edges belong to a cycle that closes better than by chance.
+    /// Which edges belong to a cycle that closes better than by chance, with odometry alone or with
+    /// a closure of another look.
     pub edges: Vec<bool>,
+    /// For every edge those of its look that it agrees with: they are right or wrong together.
+    pub mates: Vec<Vec<usize>>,
     /// Variance of errors in units of what information claims, as the cycles show it.
     pub variance: f64,
 }
@@ -136,6 +157,8 @@ struct Closing {
     squared: [f64; 2],
     /// Variances per axis of the same, as claimed.
     claimed: [f64; 2],
+    /// Steps between them at both ends together; none where the cycle is of odometry alone.
+    apart: usize,
 }
 
 impl Closing {
@@ -152,7 +175,7 @@ impl Closing {
         let translation: f64 = cycle.iter().map(|part| part.translation).sum();
         let translation = translation + turn * lever * length / 4.0;
         let squared = [error.rows(0, N).norm_squared(), error.rows(N, D - N).norm_squared()];
-        Closing { edges, squared, claimed: [translation, rotation] }
+        Closing { edges, squared, claimed: [translation, rotation], apart: usize::MAX }
     }
 }
 
@@ -183,13 +206,57 @@ fn conclude<const D: usize, const N: usize>(
 ) -> Support {
     let variance = variance::<D, N>(chance, near);
     let least = ODDS.max((all.len() as f64).ln());
-    let mut supported = vec![false; edges];
-    for cycle in all {
-        if chance.isotropic::<D, N>(cycle.squared, cycle.claimed, variance) > least {
-            cycle.edges.iter().for_each(|&edge| supported[edge] = true);
+    let odds: Vec<f64> = all
+        .iter()
+        .map(|cycle| chance.isotropic::<D, N>(cycle.squared, cycle.claimed, variance))
+        .collect();
+    let agreeing = |least: f64| {
+        let pairs = all.iter().zip(&odds).filter(move |(_, odds)| **odds > least);
+        pairs.map(|(cycle, _)| (cycle.edges, cycle.apart))
+    };
+    let support_with = |look: usize| support(edges, agreeing(least), look);
+    let count = |edges: &[bool]| edges.iter().filter(|&&edge| edge).count();
+    let [longest, shorter @ ..] = LOOKS;
+    let (mut look, mut supported) = (longest, support_with(longest));
+    let most = count(&support_with(0));
+    for shorter in shorter {
+        if FEW * count(&supported) >= most {
+            break;
+        }
+        (look, supported) = (shorter, support_with(shorter));
+    }
+    let mut mates = vec![Vec::new(); edges];
+    for ([edge, other], _) in agreeing(ODDS).filter(|(_, apart)| *apart <= look) {
+        mates[edge].push(other);
+        mates[other].push(edge);
+    }
+    for mates in &mut mates {
+        mates.sort_unstable();
+        mates.dedup();
+    }
+    Support { edges: supported, mates, variance }
+}
+
+/// Which edges agree with odometry or with one of another look, by themselves or through those of their own.
+fn support(
+    edges: usize,
+    agreeing: impl Iterator<Item = ([usize; 2], usize)>,
+    look: usize,
+) -> Vec<bool> {
+    let mut from_outside = vec![false; edges];
+    let mut sure = Sets::new(edges);
+    for ([edge, other], apart) in agreeing {
+        if apart <= look {
+            sure.join(edge, other);
+        } else {
+            (from_outside[edge], from_outside[other]) = (true, true);
         }
     }
-    Support { edges: supported, variance }
+    let mut supported = vec![false; edges];
+    (0..edges)
+        .filter(|&edge| from_outside[edge])
+        .for_each(|edge| supported[sure.root(edge)] = true);
+    (0..edges).map(|edge| supported[sure.root(edge)]).collect()
 }
 
 /// Which edges that are not trusted agree with another one nearby or, over few steps, with the
@@ -234,20 +301,18 @@ pub(super) fn supported<G: Rigid<D, N>, const D: usize, const N: usize>(
                 }));
             }
         }
-        if around.len() > NEIGHBOURS {
-            around.select_nth_unstable(NEIGHBOURS - 1);
-            around.truncate(NEIGHBOURS);
-        }
         around.sort_unstable();
+        let within = around.partition_point(|&(apart, _)| apart <= LOOKS[0]);
+        let (look, others) = around.split_at(within);
         let mut told = 0;
-        for &(_, other) in &around {
+        for &(apart, other) in look.iter().take(MATES).chain(others.iter().take(NEIGHBOURS)) {
             let (second, start, end, between, doubt) = closures[other];
             let ways = chain.way(from, start).zip(chain.way(end, to));
             let Some(((before, first), (after, last))) = ways else { continue };
             let around = before.compose(&between).compose(&after);
             let error = G::error(&G::identity(), &around, &measured);
             let parts = [own, first, doubt, last];
-            let cycle = Closing::new::<D, N>([index, second], &error, &parts);
+            let cycle = Closing { apart, ..Closing::new::<D, N>([index, second], &error, &parts) };
             if told < NEAREST {
                 near.push(cycle);
                 told += 1;
@@ -311,4 +376,83 @@ pub(super) fn agreeing<G: Rigid<D, N>, const D: usize, const N: usize>(
         }
     }
     conclude::<D, N>(graph.edges.len(), chance, &all, &all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::odometry::{odometry_edges, ranks};
+    use super::super::{Group, Se2};
+    use super::*;
+
+    const STEPS: usize = 60;
+
+    /// Rounds of a square of four times fifteen metres with exact odometry, and closures between these steps of the
+    /// first and second round, displaced by so many metres.
+    fn rounds(closures: &[(usize, usize, f64)]) -> (PoseGraph<Se2, 3>, Vec<bool>) {
+        let step = |k: usize| {
+            let turn = if k % 15 == 14 { std::f64::consts::FRAC_PI_2 } else { 0.0 };
+            Se2::new(1.0, 0.0, turn)
+        };
+        let information = nalgebra::Matrix3::identity() * 1e4;
+        let edge = |from, to, measured| Edge { from, to, measured, information };
+        let mut edges: Vec<_> = (1..2 * STEPS).map(|k| edge(k - 1, k, step(k - 1))).collect();
+        for &(from, to, off) in closures {
+            let way = (from..STEPS + to).fold(Se2::identity(), |pose, k| pose.compose(&step(k)));
+            edges.push(edge(from, STEPS + to, Se2::new(off, 0.0, 0.0).compose(&way)));
+        }
+        let poses = vec![Se2::identity(); 2 * STEPS];
+        let graph = PoseGraph { ids: (0..2 * STEPS as u64).collect(), poses, edges, fixed: vec![] };
+        let trusted = odometry_edges(&graph);
+        (graph, trusted)
+    }
+
+    fn supports(closures: &[(usize, usize, f64)]) -> Support {
+        let (graph, trusted) = rounds(closures);
+        let chance = Chance::new::<3, 2>(15.0);
+        let Support { edges, mates, variance } =
+            supported(&graph, &ranks(&graph), &trusted, &chance);
+        let own = 2 * STEPS - 1;
+        let mates = mates[own..].iter().map(|mates| mates.iter().map(|m| m - own).collect());
+        Support { edges: edges[own..].to_vec(), mates: mates.collect(), variance }
+    }
+
+    #[test]
+    fn one_look_does_not_support_itself_and_others_do() {
+        // Two looks that are right, and one that is off by five metres.
+        let right = [(0, 0, 0.0), (1, 1, 0.0), (30, 30, 0.0), (31, 31, 0.0)];
+        let wrong = [(45, 20, 5.0), (46, 21, 5.0), (47, 22, 5.0)];
+        let found = supports(&[&right[..], &wrong[..]].concat());
+        assert_eq!(found.edges, [true, true, true, true, false, false, false]);
+        let mates: Vec<Vec<usize>> =
+            vec![vec![1], vec![0], vec![3], vec![2], vec![5, 6], vec![4, 6], vec![4, 5]];
+        assert_eq!(found.mates, mates);
+    }
+
+    #[test]
+    fn a_closure_that_disagrees_with_its_look_is_no_mate() {
+        let closures = [(0, 0, 0.0), (1, 1, 0.0), (2, 2, 7.0), (30, 30, 0.0), (31, 31, 0.0)];
+        let found = supports(&closures);
+        assert_eq!(found.edges, [true, true, false, true, true]);
+        assert!(found.mates[2].is_empty() && found.mates[0] == [1]);
+    }
+
+    #[test]
+    fn support_is_shared_within_a_look() {
+        let pairs = [([0, 1], 2), ([1, 2], 4), ([2, 5], 30), ([3, 4], 2)];
+        let within = |look: usize| support(6, pairs.into_iter(), look);
+        assert_eq!(within(16), [true, true, true, false, false, true]);
+        // What is farther apart than a look is another one.
+        assert_eq!(within(3), [true, true, true, false, false, true]);
+        assert_eq!(within(0), [true; 6]);
+        assert_eq!(within(30), [false; 6]);
+        // With odometry alone.
+        assert_eq!(support(2, [([1, 1], usize::MAX)].into_iter(), 16), [false, true]);
+    }
+
+    #[test]
+    fn nothing_supports_what_is_alone_or_not_there() {
+        assert_eq!(supports(&[(10, 40, 6.0)]).edges, [false]);
+        let none = supports(&[]);
+        assert!(none.edges.is_empty() && none.mates.is_empty() && none.variance == 1.0);
+    }
 }

@@ -28,6 +28,7 @@ pub mod marginals;
 mod normal;
 pub mod odometry;
 pub mod optimizer;
+mod part;
 pub mod rigid;
 pub mod sparse;
 mod spread;
