@@ -95,7 +95,8 @@ pub fn run(seeds: u64, seconds: f64) -> Result<Table, CalibrationError> {
                 all.filter(move |(run, _)| (run.0, run.1) == (number, followed)).map(|(_, t)| t)
             };
             for part in 0..PARTS {
-                let sum = |value: fn(&Tally) -> usize| mine().map(|t| value(&t[part])).sum::<usize>();
+                let sum =
+                    |value: fn(&Tally) -> usize| mine().map(|t| value(&t[part])).sum::<usize>();
                 let errors: Vec<f64> =
                     mine().flat_map(|t| t[part].errors.iter().copied()).collect();
                 let (pushes, free) = (sum(|t| t.pushes), sum(|t| t.free));
