@@ -1,4 +1,5 @@
-//! Boards for `tactile_core::device::Device`: clock, UART, stack; empty on a host.
+//! Boards for `tactile_core::device::Device`: clock, UART, stack. On a host there is only what needs
+//! no hardware, for its tests.
 //!
 //! A panic or a fault restarts the board, which then refuses commands until it is greeted: the host
 //! knows that the belief is gone.
@@ -6,10 +7,10 @@
 
 #[cfg(target_os = "none")]
 pub mod board;
+pub mod bus;
 #[cfg(all(target_os = "none", feature = "stm32f405"))]
 mod inbox;
-#[cfg(target_os = "none")]
-mod registers;
+pub mod registers;
 #[cfg(target_os = "none")]
 mod rescue;
 #[cfg(target_os = "none")]

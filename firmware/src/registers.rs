@@ -1,14 +1,42 @@
 //! Reading and writing a peripheral's registers: with the stack's ends, all the unsafe code of the
 //! firmware.
 
+#[cfg(target_os = "none")]
 use core::ptr;
 
-/// A block of 32-bit registers.
+/// The 32-bit registers of a peripheral, each by its offset in bytes. A board has [`Registers`], a
+/// test an imitation.
+pub trait Block {
+    /// The register's value.
+    fn read(&self, offset: usize) -> u32;
+
+    /// Sets the register.
+    fn write(&self, offset: usize, value: u32);
+
+    /// Where the register is, for a DMA controller.
+    fn address(&self, offset: usize) -> u32;
+
+    /// Clears the bits of `clear`, then sets those of `set`.
+    #[inline(always)]
+    fn change(&self, offset: usize, clear: u32, set: u32) {
+        self.write(offset, (self.read(offset) & !clear) | set);
+    }
+
+    /// Whether all bits of `mask` become 1 within `tries` readings. Never waits for ever: an
+    /// emulator's clock control, or a missing crystal, never answers.
+    fn becomes(&self, offset: usize, mask: u32, tries: u32) -> bool {
+        (0..tries).any(|_| self.read(offset) & mask == mask)
+    }
+}
+
+/// A block of registers of this chip.
+#[cfg(target_os = "none")]
 #[derive(Clone, Copy)]
 pub struct Registers {
     base: usize,
 }
 
+#[cfg(target_os = "none")]
 impl Registers {
     /// The block that starts at `base`.
     ///
@@ -18,38 +46,30 @@ impl Registers {
     pub const unsafe fn at(base: usize) -> Self {
         Registers { base }
     }
+}
 
-    /// The register at `offset` bytes.
+#[cfg(target_os = "none")]
+impl Block for Registers {
     #[inline(always)]
-    pub fn read(self, offset: usize) -> u32 {
+    fn read(&self, offset: usize) -> u32 {
         // SAFETY: a register of this block, by the contract of `at`; 32-bit aligned.
         unsafe { ptr::read_volatile((self.base + offset) as *const u32) }
     }
 
-    /// Sets the register at `offset` bytes.
     #[inline(always)]
-    pub fn write(self, offset: usize, value: u32) {
+    fn write(&self, offset: usize, value: u32) {
         // SAFETY: as for `read`.
         unsafe { ptr::write_volatile((self.base + offset) as *mut u32, value) }
     }
 
-    /// Clears the bits of `clear`, then sets those of `set`.
-    #[cfg(feature = "stm32f405")]
     #[inline(always)]
-    pub fn change(self, offset: usize, clear: u32, set: u32) {
-        self.write(offset, (self.read(offset) & !clear) | set);
-    }
-
-    /// Whether all bits of `mask` become 1 within `tries` readings. Never waits for ever: an
-    /// emulator's clock control, or a missing crystal, never answers.
-    #[cfg(feature = "stm32f405")]
-    pub fn becomes(self, offset: usize, mask: u32, tries: u32) -> bool {
-        (0..tries).any(|_| self.read(offset) & mask == mask)
+    fn address(&self, offset: usize) -> u32 {
+        (self.base + offset) as u32
     }
 }
 
 /// Lets interrupt `number` call the default handler.
-#[cfg(feature = "stm32f405")]
+#[cfg(all(target_os = "none", feature = "stm32f405"))]
 pub fn listen(number: usize) {
     enable(number);
     // SAFETY: the handlers share nothing with the main loop but atomics.
@@ -57,6 +77,7 @@ pub fn listen(number: usize) {
 }
 
 /// Sets an interrupt's bit and returns the register's offset and the bit.
+#[cfg(target_os = "none")]
 fn enable(number: usize) -> (Registers, usize, u32) {
     // SAFETY: the set-enable and clear-pending registers of the NVIC, which no one else uses.
     let controller = unsafe { Registers::at(0xe000_e100) };
@@ -66,14 +87,14 @@ fn enable(number: usize) -> (Registers, usize, u32) {
 }
 
 /// The interrupt controller, used only to wake the processor: no handler ever runs.
-#[cfg(feature = "mps2-an386")]
+#[cfg(all(target_os = "none", feature = "mps2-an386"))]
 pub struct Wake {
     controller: Registers,
     word: usize,
     bit: u32,
 }
 
-#[cfg(feature = "mps2-an386")]
+#[cfg(all(target_os = "none", feature = "mps2-an386"))]
 impl Wake {
     /// Lets interrupt `number` wake the processor, with all handlers masked.
     pub fn on(number: usize) -> Self {

@@ -54,6 +54,10 @@ pub struct Watched<P> {
     stage: Stage,
     /// When it was last tried, started or heard of.
     since: u32,
+    /// When it was last polled.
+    polled: u32,
+    /// When the reading that is on its way was sampled.
+    begun: Option<u32>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,22 +70,28 @@ enum Stage {
 impl<P> Watched<P> {
     /// A sensor that was not started yet.
     pub const fn new(sensor: P) -> Self {
-        Watched { sensor, stage: Stage::New, since: 0 }
+        Watched { sensor, stage: Stage::New, since: 0, polled: 0, begun: None }
     }
 }
 
 impl<P: Sampler> Watched<P> {
-    /// The next reading, if there is one; `now` in microseconds.
+    /// The next reading, if there is one, and when it was sampled; `now` in microseconds.
     ///
     /// # Errors
     /// Whatever the driver says, once: until a sensor that failed is tried again there is nothing.
-    /// [`DriverError::Timeout`] for one that runs and gives no reading for 50 ms.
-    pub fn poll(&mut self, now: u32) -> Result<Option<P::Reading>, DriverError> {
-        let waited = now.wrapping_sub(self.since);
+    /// [`DriverError::Timeout`] for one that runs and gives no reading for 50 ms in which it was
+    /// polled.
+    pub fn poll(&mut self, now: u32) -> Result<Option<(u32, P::Reading)>, DriverError> {
+        // Who was not asked, as while a tracker computes, is not late.
+        if now.wrapping_sub(self.polled) >= PATIENCE_US && self.stage == Stage::Running {
+            self.since = now;
+        }
+        self.polled = now;
         match self.stage {
-            Stage::Failed if waited < RETRY_US => return Ok(None),
+            Stage::Failed if now.wrapping_sub(self.since) < RETRY_US => return Ok(None),
             Stage::New | Stage::Failed => {
                 (self.stage, self.since) = (Stage::Failed, now);
+                self.begun = None;
                 self.sensor.start()?;
                 self.stage = Stage::Running;
             }
@@ -91,6 +101,8 @@ impl<P: Sampler> Watched<P> {
             Ok(None) if now.wrapping_sub(self.since) >= PATIENCE_US => Err(DriverError::Timeout),
             other => other,
         };
+        let time = self.begun.unwrap_or(now);
+        self.begun = self.sensor.is_under_way().then_some(time);
         match &outcome {
             Ok(Some(_)) => self.since = now,
             Ok(None) => {}
@@ -98,7 +110,7 @@ impl<P: Sampler> Watched<P> {
             Err(DriverError::Crc { .. } | DriverError::Parity { .. } | DriverError::Command) => {}
             Err(_) => (self.stage, self.since) = (Stage::Failed, now),
         }
-        outcome
+        Ok(outcome?.map(|reading| (time, reading)))
     }
 }
 
@@ -141,9 +153,9 @@ impl<B: Board, P: Sampler<Reading: Into<Reading>>, const FINGERS: usize> Board
     }
 
     fn sample(&mut self, finger: u8) -> Result<Option<Sample>, DriverError> {
-        let time = self.board.now();
+        let now = self.board.now();
         let Some(sensor) = self.sensors.get_mut(usize::from(finger)) else { return Ok(None) };
-        Ok(sensor.poll(time)?.map(|reading| Sample { time, reading: reading.into() }))
+        Ok(sensor.poll(now)?.map(|(time, reading)| Sample { time, reading: reading.into() }))
     }
 }
 

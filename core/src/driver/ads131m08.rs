@@ -18,6 +18,10 @@ use embedded_hal::spi::SpiDevice;
 
 use super::{DriverError, Sampler, is_silent};
 
+mod overlapped;
+
+pub use overlapped::Overlapped;
+
 /// Channels of the chip.
 pub const CHANNELS: usize = 8;
 /// Bytes of a frame: ten words of 24 bits.
@@ -75,8 +79,27 @@ const RESETS: u32 = 3;
 const CRC: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 
 /// The checksum of words, as bytes.
-pub(super) fn checksum(bytes: &[u8]) -> u16 {
+pub(super) const fn checksum(bytes: &[u8]) -> u16 {
     CRC.checksum(bytes)
+}
+
+/// The frame of no command.
+const NOTHING: [u8; FRAME] = framed(NULL, None);
+
+/// A command as a frame, and a register's value where it needs one.
+const fn framed(command: u16, value: Option<u16>) -> [u8; FRAME] {
+    let mut bytes = [0; FRAME];
+    [bytes[0], bytes[1]] = command.to_be_bytes();
+    let crc = match value {
+        Some(value) => {
+            [bytes[3], bytes[4]] = value.to_be_bytes();
+            checksum(&[bytes[0], bytes[1], 0, bytes[3], bytes[4], 0])
+        }
+        None => checksum(&[bytes[0], bytes[1], 0]),
+    };
+    let end = if value.is_some() { 6 } else { 3 };
+    [bytes[end], bytes[end + 1]] = crc.to_be_bytes();
+    bytes
 }
 
 /// Gain of a channel's amplifier: the full scale is ±1.2 V over it.
@@ -260,17 +283,10 @@ impl<SPI: SpiDevice, DELAY: DelayNs, PIN: InputPin> Ads131m08<SPI, DELAY, PIN> {
     /// Sends a command, and a register's value where it needs one; gives the answer to the command
     /// before.
     fn exchange(&mut self, command: u16, value: Option<u16>) -> Result<Frame, DriverError> {
-        let mut bytes = [0; FRAME];
-        let [high, low] = command.to_be_bytes();
-        (bytes[0], bytes[1]) = (high, low);
-        let mut end = 3;
-        if let Some(value) = value {
-            let [high, low] = value.to_be_bytes();
-            (bytes[3], bytes[4]) = (high, low);
-            end = 6;
-        }
-        let [high, low] = checksum(&bytes[..end]).to_be_bytes();
-        (bytes[end], bytes[end + 1]) = (high, low);
+        self.transfer(framed(command, value))
+    }
+
+    fn transfer(&mut self, mut bytes: [u8; FRAME]) -> Result<Frame, DriverError> {
         self.spi.transfer_in_place(&mut bytes).map_err(DriverError::bus)?;
         Frame::parse(&bytes)
     }
@@ -352,6 +368,30 @@ impl<SPI: SpiDevice, DELAY: DelayNs, PIN: InputPin> Ads131m08<SPI, DELAY, PIN> {
         Ok(())
     }
 
+    /// Whether a frame is worth reading: the chip was set up, and no pin says that nothing is new.
+    #[inline]
+    fn is_ready(&mut self) -> Result<bool, DriverError> {
+        if !self.started {
+            return Err(DriverError::Restarted);
+        }
+        match &mut self.ready {
+            Some(pin) => pin.is_low().map_err(DriverError::pin),
+            None => Ok(true),
+        }
+    }
+
+    /// The channels of a frame; `None` when they are not new.
+    #[inline]
+    fn reading(&mut self, frame: &Frame) -> Result<Option<[i32; CHANNELS]>, DriverError> {
+        match self.is_new(frame.answer) {
+            Ok(new) => Ok(new.then_some(frame.channels)),
+            Err(error) => {
+                self.started = error != DriverError::Restarted;
+                Err(error)
+            }
+        }
+    }
+
     /// The status, checked: whether every channel that is on has new data.
     fn is_new(&self, status: u16) -> Result<bool, DriverError> {
         if status & STATUS_COMMAND_CRC != 0 {
@@ -396,22 +436,11 @@ impl<SPI: SpiDevice, DELAY: DelayNs, PIN: InputPin> Sampler for Ads131m08<SPI, D
 
     /// Reads one frame, and that only when the pin says so; `None` when its channels are not new.
     fn poll(&mut self) -> Result<Option<[i32; CHANNELS]>, DriverError> {
-        if !self.started {
-            return Err(DriverError::Restarted);
-        }
-        if let Some(pin) = &mut self.ready
-            && pin.is_high().map_err(DriverError::pin)?
-        {
+        if !self.is_ready()? {
             return Ok(None);
         }
-        let frame = self.exchange(NULL, None)?;
-        match self.is_new(frame.answer) {
-            Ok(new) => Ok(new.then_some(frame.channels)),
-            Err(error) => {
-                self.started = error != DriverError::Restarted;
-                Err(error)
-            }
-        }
+        let frame = self.transfer(NOTHING)?;
+        self.reading(&frame)
     }
 
     fn sample(&mut self) -> Result<[i32; CHANNELS], DriverError> {

@@ -7,8 +7,10 @@
 //!
 //! * [`biotac`]: electrodes, pressure and temperature of a BioTac fingertip.
 //! * [`ads131m08`]: eight simultaneous 24-bit channels, the front end of a strain-gauge transducer.
+//! * [`background`]: buses that carry a frame by themselves, with DMA, meanwhile.
 
 pub mod ads131m08;
+pub mod background;
 pub mod biotac;
 pub mod emulated;
 
@@ -34,6 +36,12 @@ pub trait Sampler {
     /// # Errors
     /// When the sensor's words cannot be trusted; the reading they belong to is dropped.
     fn poll(&mut self) -> Result<Option<Self::Reading>, DriverError>;
+
+    /// Whether the next reading was sampled already and is on its way: it belongs to the poll that
+    /// began to read it.
+    fn is_under_way(&self) -> bool {
+        false
+    }
 
     /// The next reading, waited for at most two periods of the sensor.
     ///

@@ -137,7 +137,7 @@ impl Default for Detector {
 /// The last readings of a sensor, their exact sum and their times.
 ///
 /// Words are whole numbers of at most 2²⁶ in magnitude, so that nothing is lost however long a
-/// window runs.
+/// window runs; larger ones make a sum that wraps for as long as they are held.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Window<const CHANNELS: usize> {
     rows: [[i32; CHANNELS]; LONGEST_WINDOW],
@@ -183,9 +183,9 @@ impl<const CHANNELS: usize> Window<CHANNELS> {
         let full = self.count as usize == depth;
         let row = &mut self.rows[at];
         for k in 0..CHANNELS {
-            let word = words[k].clamp(-LARGEST_WORD, LARGEST_WORD);
-            self.sums[k] += if full { word - row[k] } else { word };
-            row[k] = word;
+            let before = if full { row[k] } else { 0 };
+            self.sums[k] = self.sums[k].wrapping_add(words[k]).wrapping_sub(before);
+            row[k] = words[k];
         }
         self.times[at] = time;
         self.next = if at + 1 == depth { 0 } else { at as u8 + 1 };

@@ -76,7 +76,8 @@ pub struct ElectrodeSettings {
     pub detection: Hysteresis,
     /// Averaging and taring.
     pub sampling: Sampling,
-    /// Share of what remains that the baseline takes over with each reading while nothing touches:
+    /// Share of what remains that the baseline takes over with each reading while nothing touches,
+    /// and sixteen times as much of what all electrodes have in common, as when the fluid warms up:
     /// zero for a baseline that is never followed.
     pub drift: f32,
 }
@@ -161,15 +162,10 @@ pub fn centroid(
     changes: &[f32; ELECTRODES],
     positions: &[Vector<3>; ELECTRODES],
 ) -> Option<Vector<3>> {
-    weighted_mean(changes.iter().map(|change| change.abs()).zip(positions.iter().copied()))
-}
-
-/// The mean of some positions, weighted.
-fn weighted_mean(weighted: impl Iterator<Item = (f32, Vector<3>)>) -> Option<Vector<3>> {
     let (mut sum, mut all) = (Vector::<3>::ZERO, 0.0);
-    for (weight, position) in weighted {
-        sum += position * weight;
-        all += weight;
+    for (change, position) in changes.iter().zip(positions) {
+        sum += *position * change.abs();
+        all += change.abs();
     }
     let mean = sum * (1.0 / all);
     (all > 0.0 && mean.is_finite()).then_some(mean)
@@ -180,6 +176,9 @@ const FAINT: f32 = 0.04;
 
 /// Electrodes that change by less than this many standard deviations say nothing.
 const NOISE_FLOOR: f32 = 4.0;
+
+/// How many times faster what all electrodes have in common is followed than each of them.
+const COMMON: f32 = 16.0;
 
 /// Mean squared misfit, in variances, above which one contact does not explain the changes.
 const MISFIT: f32 = 6.0;
@@ -223,8 +222,6 @@ pub struct ElectrodeEstimator {
     above: [Vector<3>; ELECTRODES],
     /// Words at rest.
     baseline: [f32; ELECTRODES],
-    /// 1/R₀ of each electrode, over the divider's other arm.
-    conductance: [f32; ELECTRODES],
     tare: Tare<ELECTRODES>,
     window: Window<ELECTRODES>,
     detector: Detector,
@@ -236,18 +233,17 @@ impl Default for ElectrodeEstimator {
     }
 }
 
-/// Which electrodes change by more than the noise, and by how much.
+/// Which electrodes' impedances rise by more than the noise, and by how much.
 #[derive(Clone, Copy)]
 struct Changes {
     /// Such electrodes, a bit each.
     set: u32,
-    /// Sum of their relative changes.
+    /// Sum of their relative changes, and the same of the skin's places above them times these.
     level: f32,
+    moment: Vector<3>,
     largest: f32,
-    /// One over the readings averaged.
-    share: f32,
-    /// Standard deviation of the average times the full scale, words².
-    noise: f32,
+    /// By how much all impedances at rest exceed those of the baseline, relative to these.
+    drift: f32,
 }
 
 impl Changes {
@@ -262,6 +258,16 @@ impl Changes {
     }
 }
 
+/// What the readings averaged make of electrodes.
+#[derive(Clone, Copy)]
+struct Scale {
+    /// One over their number.
+    share: f32,
+    full: f32,
+    /// Standard deviation of a word less its baseline.
+    noise: f32,
+}
+
 impl ElectrodeEstimator {
     /// Knows nothing of its sensor.
     pub const fn new() -> Self {
@@ -271,7 +277,6 @@ impl ElectrodeEstimator {
             taring: false,
             above: [Vector([0.0; 3]); ELECTRODES],
             baseline: [0.0; ELECTRODES],
-            conductance: [0.0; ELECTRODES],
             tare: Tare::new(),
             window: Window::new(),
             detector: Detector::new(),
@@ -302,87 +307,136 @@ impl ElectrodeEstimator {
         self.baseline
     }
 
-    fn rest(&mut self, electrode: usize, word: f32) {
-        self.baseline[electrode] = word;
-        self.conductance[electrode] = word / (self.settings.full_scale as f32 - word);
+    /// What the electrodes say. A contact squeezes fluid under the rest of the skin, so that some
+    /// electrodes always fall or stay. Where all rise, the fluid conducts worse: the least of their
+    /// changes is the drift of all.
+    #[inline]
+    fn changes(&self, scale: &Scale) -> Changes {
+        match self.changes_from(&self.baseline, scale) {
+            (changes, false) => changes,
+            (_, true) => self.changes_beyond_drift(scale),
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn changes_beyond_drift(&self, scale: &Scale) -> Changes {
+        let Scale { share, full, .. } = *scale;
+        let mut least = f32::INFINITY;
+        for (sum, rest) in self.window.sums().iter().zip(&self.baseline) {
+            let word = *sum as f32 * share;
+            least = math::min(least, (full - word) * rest / (word * (full - rest)));
+        }
+        let drift = least - 1.0;
+        let baseline = self.baseline.map(|rest| drifted(rest, full, drift));
+        Changes { drift, ..self.changes_from(&baseline, scale).0 }
     }
 
     #[inline]
-    fn changes(&self) -> Changes {
+    fn scale(&self) -> Scale {
         let share = 1.0 / self.window.count() as f32;
-        let full = self.settings.full_scale as f32;
         // The baseline is as uncertain as the mean of the readings that made it.
         let variance = share + 1.0 / self.settings.sampling.tare as f32;
-        let noise = self.settings.noise * math::sqrt(variance) * full;
-        let floor = NOISE_FLOOR * noise;
-        let mut changes = Changes { set: 0, level: 0.0, largest: 0.0, share, noise };
-        for (k, (sum, conductance)) in self.window.sums().iter().zip(&self.conductance).enumerate()
-        {
-            // The change is R/R₀ − 1 = rise/w and its deviation noise·conductance/w², since
-            // d(R/R₀)/dw = −(full/w)·(conductance/w): most electrodes rest and need no division.
+        let noise = self.settings.noise * math::sqrt(variance);
+        Scale { share, full: self.settings.full_scale as f32, noise }
+    }
+
+    /// The changes from words at rest, and whether all impedances rise.
+    #[inline]
+    fn changes_from(&self, baseline: &[f32; ELECTRODES], scale: &Scale) -> (Changes, bool) {
+        let Scale { share, full, noise } = *scale;
+        let floor = -NOISE_FLOOR * noise;
+        let (moment, drift) = (Vector::ZERO, 0.0);
+        let mut changes = Changes { set: 0, level: 0.0, moment, largest: 0.0, drift };
+        let mut signs = u32::MAX;
+        for (k, (sum, rest)) in self.window.sums().iter().zip(baseline).enumerate() {
             let word = *sum as f32 * share;
-            let rise = (full - word) * conductance - word;
-            if rise * word > floor * conductance {
-                let value = rise / word;
+            let lift = word - rest;
+            signs &= lift.to_bits();
+            if lift < floor {
+                let change = full * lift / (word * (rest - full));
                 changes.set |= 1 << k;
-                changes.level += value;
-                changes.largest = math::max(changes.largest, value);
+                changes.level += change;
+                changes.moment += self.above[k] * change;
+                changes.largest = math::max(changes.largest, change);
             }
         }
-        changes
+        (changes, signs >> 31 == 1)
     }
 
-    /// Relative change of one electrode, and its variance over its square.
+    /// Relative change of an electrode that rises, and one over the variance of its logarithm.
+    ///
+    /// From rest w₀ to w the impedance changes by R/R₀ − 1 = full·(w − w₀)/(w·(w₀ − full)); the
+    /// relative deviation of that is σ·w₀/((w − w₀)·w).
     #[inline]
-    fn change(&self, electrode: usize, changes: &Changes) -> (f32, f32) {
-        let word = self.window.sums()[electrode] as f32 * changes.share;
-        let conductance = self.conductance[electrode];
-        let rise = (self.settings.full_scale as f32 - word) * conductance - word;
-        let relative = changes.noise * conductance / (rise * word);
-        (rise / word, relative * relative)
+    fn change(&self, electrode: usize, changes: &Changes, scale: &Scale) -> (f32, f32) {
+        let Scale { share, full, noise } = *scale;
+        let mut rest = self.baseline[electrode];
+        if changes.drift > 0.0 {
+            rest = drifted(rest, full, changes.drift);
+        }
+        let word = self.window.sums()[electrode] as f32 * share;
+        let product = (word - rest) * word;
+        let change = full * product / (word * word * (rest - full));
+        let (doubt, product) = (noise * rest, self.settings.mismatch * product);
+        let square = product * product;
+        let variance = self.settings.mismatch * self.settings.mismatch;
+        (change, square / ((doubt * doubt + square) * variance))
     }
 
-    /// While nothing touches, the baseline goes after the words.
+    /// While nothing touches, the baseline goes after the words: each electrode's slowly, and what
+    /// all have in common, as they do when the fluid warms up, faster, since it is better known.
     fn follow(&mut self) {
         let rate = self.settings.drift;
-        if rate > 0.0 {
-            let share = 1.0 / self.window.count() as f32;
-            for k in 0..ELECTRODES {
-                let word = self.window.sums()[k] as f32 * share;
-                self.rest(k, self.baseline[k] + rate * (word - self.baseline[k]));
-            }
+        if !(rate > 0.0) {
+            return;
+        }
+        let share = 1.0 / self.window.count() as f32;
+        let full = self.settings.full_scale as f32;
+        // A word falls by this much as all impedances grow by their like.
+        let response = |rest: f32| rest * (1.0 - rest * (1.0 / full));
+        let (mut falls, mut responses) = (0.0, 0.0);
+        for (sum, rest) in self.window.sums().iter().zip(&self.baseline) {
+            falls += rest - *sum as f32 * share;
+            responses += response(*rest);
+        }
+        // Bounded, so that words at rest stay inside the range of words.
+        let common = math::max(math::min(falls / responses, 0.5), -0.5);
+        let common = math::min(COMMON * rate, 1.0) * common;
+        for (sum, rest) in self.window.sums().iter().zip(&mut self.baseline) {
+            let moved = *rest - common * response(*rest);
+            *rest = moved + rate * (*sum as f32 * share - moved);
         }
     }
 
     /// The middle of the bell.
     #[inline]
-    fn locate(&self, changes: &Changes) -> Result<Touch, NoContact> {
+    fn locate(&self, changes: &Changes, scale: &Scale) -> Result<Touch, NoContact> {
         let settings = &self.settings;
         let fingertip = &settings.fingertip;
-        let rising = changes.electrodes().map(|k| (self.change(k, changes).0, self.above[k]));
-        let mean = weighted_mean(rising).ok_or(NoContact::TooLight)?;
+        // The centroid of what rises; of nothing it is NaN.
+        let mean = changes.moment * (1.0 / changes.level);
         let start = fingertip.project(mean).ok_or(NoContact::IllConditioned)?;
-        let fit = self.fit(changes, &start);
+        let fit = self.fit(changes, scale, &start);
         if fit.freedom > 0.0 && fit.misfit > MISFIT * fit.freedom {
             return Err(NoContact::Inconsistent);
         }
         let [u, v] = start.tangents;
         let point = start.point + u * fit.step[0] + v * fit.step[1];
-        let patch = fingertip.project(point).ok_or(NoContact::NotFinite)?;
-        if !fingertip.covers(patch.point) {
+        let (point, outward) = fingertip.foot(point).ok_or(NoContact::NotFinite)?;
+        if !fingertip.covers(point) {
             return Err(NoContact::OutsideSkin);
         }
         if !(fit.spread[0] + fit.spread[2] <= settings.precision * settings.precision) {
             return Err(NoContact::IllConditioned);
         }
-        // The start's tangents stand for the patch's, which are turned a little.
-        let frame = Patch { tangents: start.tangents, outward: start.outward, ..start };
-        let (covariance, normal_deviation) = spread_on(&frame, fit.spread, &settings.tolerance);
+        // The start's tangents stand for the point's, which are turned a little.
+        let (covariance, normal_deviation) = spread_on(&start, fit.spread, &settings.tolerance);
         Ok(Touch {
             time: self.window.middle(),
-            point: patch.point,
-            normal: -patch.outward,
-            force: patch.outward * (-settings.stiffness * changes.level),
+            point,
+            normal: -outward,
+            force: outward * (-settings.stiffness * changes.level),
             covariance,
             normal_deviation,
             slip: None,
@@ -391,7 +445,7 @@ impl ElectrodeEstimator {
 
     /// Least squares for the bell's height and middle.
     #[inline]
-    fn fit(&self, changes: &Changes, start: &Patch) -> Fit {
+    fn fit(&self, changes: &Changes, scale: &Scale, start: &Patch) -> Fit {
         let settings = &self.settings;
         let inverse = 1.0 / (settings.footprint * settings.footprint);
         let [u, v] = start.tangents;
@@ -399,14 +453,12 @@ impl ElectrodeEstimator {
         let (mut p, mut q, mut y) = (0.0, 0.0, 0.0);
         let (mut pp, mut pq, mut qq, mut py, mut qy, mut yy) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         let floor = FAINT * changes.largest;
-        let mismatch = settings.mismatch * settings.mismatch;
         for k in changes.electrodes() {
-            let (change, doubt) = self.change(k, changes);
+            let (change, w) = self.change(k, changes, scale);
             if !(change > floor) {
                 continue;
             }
             let away = self.above[k] - start.point;
-            let w = 1.0 / (doubt + mismatch);
             let (a, b) = (inverse * u.dot(away), inverse * v.dot(away));
             let c = math::ln(change) + 0.5 * inverse * away.norm_squared();
             weight += w;
@@ -439,6 +491,12 @@ impl ElectrodeEstimator {
     }
 }
 
+/// The word of an electrode at `rest` when its impedance has grown by `drift`, relatively.
+#[inline]
+fn drifted(rest: f32, full: f32, drift: f32) -> f32 {
+    full * rest / (full + drift * (full - rest))
+}
+
 /// Where the bell's middle is seen from the centroid.
 struct Fit {
     /// Along both tangents, metres.
@@ -457,8 +515,11 @@ impl ContactEstimator for ElectrodeEstimator {
         if !self.configured {
             return Err(NoContact::NotCalibrated);
         }
-        let (low, high) = self.settings.range;
-        if let Some(channel) = reading.0.iter().position(|w| *w <= low || *w >= high) {
+        // Strictly between both ends, in one comparison.
+        let (low, high) = (u32::from(self.settings.range.0), u32::from(self.settings.range.1));
+        let (first, count) = (low + 1, high.saturating_sub(low + 1));
+        let outside = |word: &u16| u32::from(*word).wrapping_sub(first) >= count;
+        if let Some(channel) = reading.0.iter().position(outside) {
             self.window.clear();
             return Err(NoContact::Saturated { channel: channel as u8 });
         }
@@ -466,17 +527,16 @@ impl ContactEstimator for ElectrodeEstimator {
         let sampling = self.settings.sampling;
         if self.taring {
             if let Some(mean) = self.tare.push(&words, sampling.tare, sampling.spread) {
-                for (k, word) in mean.into_iter().enumerate() {
-                    self.rest(k, word);
-                }
+                self.baseline = mean;
                 self.taring = false;
             }
             return Err(NoContact::Taring);
         }
         self.window.push(&words, time, sampling.window, sampling.gap);
-        let changes = self.changes();
+        let scale = self.scale();
+        let changes = self.changes(&scale);
         match self.detector.update(changes.level, &self.settings.detection) {
-            Phase::Touching => self.locate(&changes),
+            Phase::Touching => self.locate(&changes, &scale),
             Phase::Free => {
                 self.follow();
                 Err(NoContact::TooLight)

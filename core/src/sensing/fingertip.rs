@@ -79,6 +79,18 @@ pub struct Patch {
     pub curvature: [f32; 3],
 }
 
+impl Patch {
+    /// The patch at a point, where half the gradient of S is one over `steepness` long and half its
+    /// second derivative is `bend`.
+    #[inline]
+    fn new(point: Vector<3>, outward: Vector<3>, steepness: f32, bend: &Bend) -> Self {
+        let [u, v] = tangents(outward);
+        let (along, across) = (bend.times(u), bend.times(v));
+        let curvature = [u.dot(along), v.dot(along), v.dot(across)].map(|k| k * steepness);
+        Patch { point, outward, tangents: [u, v], curvature }
+    }
+}
+
 /// Newton steps of a projection at most; four suffice for a fingertip.
 const STEPS: usize = 12;
 
@@ -139,11 +151,7 @@ impl Fingertip {
     pub fn patch(&self, point: Vector<3>) -> Patch {
         let (gradient, bend) = self.slope(point);
         let steepness = 1.0 / gradient.norm();
-        let outward = gradient * steepness;
-        let [u, v] = tangents(outward);
-        let (along, across) = (bend.times(u), bend.times(v));
-        let curvature = [u.dot(along), v.dot(along), v.dot(across)].map(|k| k * steepness);
-        Patch { point, outward, tangents: [u, v], curvature }
+        Patch::new(point, gradient * steepness, steepness, &bend)
     }
 
     /// Half the gradient of S, and half its second derivative.
@@ -187,18 +195,33 @@ impl Fingertip {
 
     /// The patch of the shape nearest to a point; `None` for a point that is not finite, and for
     /// one from which no single point is nearest, as a ball's centre.
+    #[inline]
     pub fn project(&self, point: Vector<3>) -> Option<Patch> {
-        let nearest = match self.shape {
-            Shape::Sphere { radius } => point.normalized()? * radius,
-            Shape::CappedCylinder { radius, .. } => {
-                let x = math::min(point[0], 0.0);
-                let axis = Vector([x, 0.0, 0.0]);
-                axis + (point - axis).normalized()? * radius
-            }
-            _ => self.nearest(point)?,
+        let (nearest, outward) = self.foot(point)?;
+        let (gradient, bend) = self.slope(nearest);
+        let steepness = match self.shape {
+            Shape::Sphere { radius } | Shape::CappedCylinder { radius, .. } => 1.0 / radius,
+            _ => 1.0 / gradient.norm(),
         };
-        let patch = self.patch(nearest);
-        (patch.point.is_finite() && patch.outward.is_finite()).then_some(patch)
+        Some(Patch::new(nearest, outward, steepness, &bend))
+    }
+
+    /// Point and outward normal of the shape nearest to a point; `None` as for [`Self::project`].
+    #[inline]
+    pub(super) fn foot(&self, point: Vector<3>) -> Option<(Vector<3>, Vector<3>)> {
+        let (centre, radius) = match self.shape {
+            Shape::Sphere { radius } => (Vector::ZERO, radius),
+            Shape::CappedCylinder { radius, .. } => {
+                (Vector([math::min(point[0], 0.0), 0.0, 0.0]), radius)
+            }
+            _ => {
+                let nearest = self.nearest(point)?;
+                return Some((nearest, self.slope(nearest).0.normalized()?));
+            }
+        };
+        // Of a point that is not finite there is no direction.
+        let outward = (point - centre).normalized()?;
+        Some((centre + outward * radius, outward))
     }
 
     /// Nearest point of a quadric: c + λ·∇S(c)/2 = p and S(c) = 0, by Newton's method on both. Each

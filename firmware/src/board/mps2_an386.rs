@@ -4,7 +4,7 @@
 use tactile_core::device::{Board, Vitals};
 use tactile_core::wire::BoardKind;
 
-use crate::registers::{Registers, Wake};
+use crate::registers::{Block, Registers, Wake};
 use crate::stack;
 
 const CLOCK: u32 = 25_000_000;

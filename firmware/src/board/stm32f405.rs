@@ -8,10 +8,10 @@ use tactile_core::device::{Board, Vitals};
 use tactile_core::wire::BoardKind;
 
 use crate::inbox::Inbox;
-use crate::registers::{Registers, listen};
+use crate::registers::{Block, Registers, listen};
 use crate::stack;
 
-pub use spi::{Chip, Delay};
+pub use spi::{Chip, Delay, Ready, chip, ready};
 
 /// Frequency of the crystal, for `TACTILE_HSE_HZ` at build time; 8 MHz on most boards.
 const CRYSTAL: u32 = number(option_env!("TACTILE_HSE_HZ"), 8_000_000);

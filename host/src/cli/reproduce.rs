@@ -182,12 +182,13 @@ const POSE_GRAPHS: &str = "pose-graphs";
 /// The same with false loop closures.
 const POSE_GRAPH_OUTLIERS: &str = "pose-graph-outliers";
 
-/// How well a force/torque transducer, and electrodes, feel contacts.
+/// How well a force/torque transducer, and electrodes, feel contacts, and both for an hour.
 const WRENCH: &str = "sensing-wrench";
 const ELECTRODES: &str = "sensing-electrodes";
+const DRIFT: &str = "sensing-drift";
 
 /// What is quick and no figure of the thesis.
-const OTHERS: [&str; 4] = ["push", WRENCH, ELECTRODES, probing::NAME];
+const OTHERS: [&str; 5] = ["push", WRENCH, ELECTRODES, DRIFT, probing::NAME];
 
 /// Not part of `all`, which would take hours with them.
 const LONG: [&str; 10] = [
@@ -536,6 +537,11 @@ fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {
     }
     if name == ELECTRODES {
         let table = sensing::electrodes::run(args.seeds()).map_err(Error::failure)?;
+        return Outcome::pictured(name, &table, table.picture());
+    }
+    if name == DRIFT {
+        let hour = sensing::drift::HOUR;
+        let table = sensing::drift::run(args.seeds(), hour).map_err(Error::failure)?;
         return Outcome::pictured(name, &table, table.picture());
     }
     let table = push::run(data().as_deref()).map_err(Error::input)?;

@@ -18,6 +18,9 @@ use crate::wire::{
 struct Told {
     starts: VecDeque<Result<(), DriverError>>,
     polls: VecDeque<Result<Option<i32>, DriverError>>,
+    /// Whether a poll without a reading has begun to read one.
+    carried: bool,
+    under_way: bool,
     started: u32,
 }
 
@@ -30,7 +33,13 @@ impl Sampler for Told {
     }
 
     fn poll(&mut self) -> Result<Option<i32>, DriverError> {
-        self.polls.pop_front().unwrap_or(Ok(None))
+        let said = self.polls.pop_front().unwrap_or(Ok(None));
+        self.under_way = self.carried && said == Ok(None);
+        said
+    }
+
+    fn is_under_way(&self) -> bool {
+        self.under_way
     }
 
     fn sample(&mut self) -> Result<i32, DriverError> {
@@ -42,13 +51,15 @@ fn watched<const S: usize, const P: usize>(
     starts: [Result<(), DriverError>; S],
     polls: [Result<Option<i32>, DriverError>; P],
 ) -> Watched<Told> {
-    Watched::new(Told { starts: starts.into(), polls: polls.into(), started: 0 })
+    let (starts, polls) = (starts.into(), polls.into());
+    Watched::new(Told { starts, polls, carried: false, under_way: false, started: 0 })
 }
 
 #[test]
 fn a_sensor_is_started_once_and_read() {
     let mut sensor = watched([], [Ok(Some(1)), Ok(None), Ok(Some(2))]);
-    assert_eq!([10, 20, 30].map(|t| sensor.poll(t)), [Ok(Some(1)), Ok(None), Ok(Some(2))]);
+    let said = [10, 20, 30].map(|t| sensor.poll(t));
+    assert_eq!(said, [Ok(Some((10, 1))), Ok(None), Ok(Some((30, 2)))]);
     assert_eq!(sensor.sensor.started, 1);
 }
 
@@ -67,19 +78,19 @@ fn one_that_is_missing_is_tried_ten_times_a_second() {
         }
     }
     let gone = Err(DriverError::Missing);
-    assert_eq!(said, [(0, gone), (10, gone), (20, Ok(Some(3)))]);
+    assert_eq!(said, [(0, gone), (10, gone), (20, Ok(Some((start.wrapping_add(200_000), 3))))]);
     assert_eq!(sensor.sensor.started, 3);
 }
 
 #[test]
 fn noise_passes_but_a_restart_is_mended() {
-    let crc = Err(DriverError::Crc { computed: 1, received: 2 });
-    let polls = [crc, Ok(Some(1)), Err(DriverError::Restarted), Ok(Some(2))];
+    let crc = DriverError::Crc { computed: 1, received: 2 };
+    let polls = [Err(crc), Ok(Some(1)), Err(DriverError::Restarted), Ok(Some(2))];
     let mut sensor = watched([], polls);
-    assert_eq!((sensor.poll(0), sensor.poll(1000)), (crc, Ok(Some(1))));
+    assert_eq!((sensor.poll(0), sensor.poll(1000)), (Err(crc), Ok(Some((1000, 1)))));
     assert_eq!(sensor.poll(2000), Err(DriverError::Restarted));
     assert_eq!(sensor.poll(3000), Ok(None));
-    assert_eq!(sensor.poll(102_000), Ok(Some(2)));
+    assert_eq!(sensor.poll(102_000), Ok(Some((102_000, 2))));
     assert_eq!(sensor.sensor.started, 2);
 }
 
@@ -90,6 +101,32 @@ fn one_that_is_stuck_is_noticed_without_waiting() {
     assert_eq!(sensor.poll(49_999), Ok(None));
     assert_eq!(sensor.poll(50_000), Err(DriverError::Timeout));
     assert_eq!(sensor.poll(60_000), Ok(None));
+}
+
+#[test]
+fn one_that_nobody_asked_is_not_late() {
+    let mut sensor = watched([], [Ok(Some(1)), Ok(None), Ok(Some(2))]);
+    assert_eq!(sensor.poll(0), Ok(Some((0, 1))));
+    // A tracker computed for 70 ms.
+    assert_eq!(sensor.poll(70_000), Ok(None));
+    assert_eq!(sensor.poll(70_100), Ok(Some((70_100, 2))));
+    assert_eq!(sensor.poll(119_000), Ok(None));
+    assert_eq!(sensor.poll(120_100), Err(DriverError::Timeout));
+}
+
+#[test]
+fn a_reading_belongs_to_when_it_was_begun() {
+    let polls = [Ok(None), Ok(None), Ok(Some(1)), Ok(None), Ok(Some(2))];
+    let mut sensor = watched([], polls);
+    sensor.sensor.carried = true;
+    let said = [10, 20, 30, 1000, 90_000].map(|t| sensor.poll(t));
+    assert_eq!(said, [Ok(None), Ok(None), Ok(Some((10, 1))), Ok(None), Ok(Some((1000, 2)))]);
+    // What was begun before the sensor was set up anew is not the next one's.
+    let polls = [Ok(None), Err(DriverError::Restarted), Ok(Some(3))];
+    let mut sensor = watched([], polls);
+    sensor.sensor.carried = true;
+    assert_eq!((sensor.poll(0), sensor.poll(10)), (Ok(None), Err(DriverError::Restarted)));
+    assert_eq!(sensor.poll(200_000), Ok(Some((200_000, 3))));
 }
 
 /// A board without hardware whose clock the test turns.

@@ -1,5 +1,6 @@
 //! How well fingertips feel: the core's estimators against sensors simulated forwards.
 
+pub mod drift;
 pub mod electrodes;
 mod figures;
 #[cfg(test)]

@@ -9,7 +9,7 @@ use tactile_core::sensing::{
     ContactEstimator, ElectrodeEstimator, ElectrodeReading, ElectrodeSettings, NoContact,
 };
 
-use super::{electrodes, fingertip, point, wrench};
+use super::{drift, electrodes, fingertip, point, wrench};
 use crate::sim::random::Random;
 use crate::sim::sensors::film::Options;
 use crate::sim::sensors::{FluidFinger, Push, Skin};
@@ -49,6 +49,30 @@ fn electrodes_correct_the_centroid() {
         assert!(row.point_mm < 0.8 * row.rising_mm, "{row:?}");
     }
     assert!(table.refused > 0.8, "{}", table.refused);
+    assert!(table.picture().is_ok());
+}
+
+#[test]
+fn drift_that_is_followed_does_no_harm() {
+    // Five minutes, in which it drifts fastest: twelve parts, and the last six of them judged.
+    let table = drift::run(1, 300.0).unwrap();
+    assert_eq!(table.rows.len(), 3 * 2 * 12);
+    for case in table.rows.chunks(24) {
+        let sum = |rows: &[drift::Row]| {
+            let missed: f64 = rows.iter().map(|r| r.missed * r.pushes as f64).sum();
+            let all = rows.iter().map(|r| r.pushes as f64).sum::<f64>() - missed;
+            let reported = |r: &drift::Row| (1.0 - r.missed) * r.pushes as f64;
+            let square = rows.iter().filter_map(|r| Some(reported(r) * r.point_mm?.powi(2)));
+            let error = (square.sum::<f64>() / all.max(1.0)).sqrt();
+            (missed, error, rows.iter().map(|r| r.felt).sum::<f64>())
+        };
+        let (followed, not) = (sum(&case[6..12]), sum(&case[18..24]));
+        let name = case[0].case;
+        assert!(case[6].followed && !case[18].followed && case[6].case == case[18].case);
+        assert!(followed.0 == 0.0 && followed.1 < 0.4 && followed.2 == 0.0, "{name} {followed:?}");
+        // The transducer's contacts move; the electrodes' are mostly not reported any more.
+        assert!(not.0 > 3.0 || not.1 > 1.5 * followed.1, "{name} {not:?}");
+    }
     assert!(table.picture().is_ok());
 }
 
