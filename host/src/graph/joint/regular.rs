@@ -72,8 +72,9 @@ fn order<const D: usize>(problem: &Problem, best: &mut Solved<D>, others: &mut V
     for mut relations in wholes(&free.state.faces, problem.dimension) {
         let share = WHOLE / relations.len().max(1) as f64;
         relations.iter_mut().for_each(|r| r.doubt = share);
-        let chi = chi(problem.dimension, &free.state, &covariance, &relations);
-        if !chi.is_some_and(|(chi, count)| chi < HOPELESS + count as f64) {
+        let near = chi(problem.dimension, &free.state, &covariance, &relations)
+            .is_some_and(|(chi, count)| chi < HOPELESS + count as f64);
+        if !near {
             continue;
         }
         let state = State { relations, ..free.state.clone() };
