@@ -179,9 +179,9 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
         Correction::None => None,
     };
     let graph_seconds = start.elapsed().as_secs_f64() + fed.teaching;
-    let (steps, relative) = match corrected {
-        Some(graph::Corrected { steps, relative }) => (steps, Some(relative)),
-        None => (fed.steps, None),
+    let (steps, relative, faces) = match corrected {
+        Some(graph::Corrected { steps, relative, faces }) => (steps, Some(relative), faces),
+        None => (fed.steps, None, None),
     };
     let progress = Progress::new("surface", "local experts");
     let provenance = Provenance {
@@ -192,6 +192,7 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
         graph: (args.graph != Correction::None).then_some(output::Correction {
             seconds: graph_seconds,
             relative: relative.as_deref(),
+            faces: faces.as_ref(),
         }),
         progress: &|done, all| progress.at(done, all),
     };

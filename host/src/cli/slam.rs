@@ -154,9 +154,9 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
     let start = Instant::now();
     let corrected = kind.correct(log, &steps);
     let graph_seconds = start.elapsed().as_secs_f64();
-    let (steps, relative) = match corrected {
-        Some(graph::Corrected { steps, relative }) => (steps, Some(relative)),
-        None => (steps, None),
+    let (steps, relative, faces) = match corrected {
+        Some(graph::Corrected { steps, relative, faces }) => (steps, Some(relative), faces),
+        None => (steps, None, None),
     };
     let surface = match args.surface {
         SurfaceKind::Auto => Choice::Auto,
@@ -169,8 +169,11 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
         tracker,
         surface,
         tracking_seconds,
-        graph: (kind != graph::Kind::None)
-            .then_some(Correction { seconds: graph_seconds, relative: relative.as_deref() }),
+        graph: (kind != graph::Kind::None).then_some(Correction {
+            seconds: graph_seconds,
+            relative: relative.as_deref(),
+            faces: faces.as_ref(),
+        }),
         progress: &|done, all| progress.at(done, all),
     };
     let outcome = conclude(log, truth.as_ref(), steps, provenance)

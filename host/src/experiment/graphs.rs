@@ -12,8 +12,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::figure::{Drawn, FigureError};
-use super::tracking::judge::{Judgement, Truth, judge};
-use super::tracking::{full_noise, mujoco};
+use super::tracking::judge::{Judgement, Truth};
+use super::tracking::{Followed, full_noise, mujoco};
 use super::{Spread, with_room};
 use crate::graph;
 use crate::graph::pairwise::{self, constraints::Rules};
@@ -151,18 +151,19 @@ impl Method {
         let found = match self {
             Method::Filter => None,
             Method::Planes => {
-                graph::Kind::Planes.correct(log, steps).map(|c| (c.relative, 0, false))
+                let followed = Followed::corrected(graph::Kind::Planes, log, steps.to_vec());
+                return Poses { followed, constraints: 0, ambiguous: false };
             }
             Method::Printed | Method::Pairwise => pairwise::correct_by(log, steps, rules)
                 .map(|c| (c.relative(), c.edges.len(), c.is_ambiguous())),
         };
         let (steps, constraints, ambiguous) = found.unwrap_or_else(|| (steps.to_vec(), 0, false));
-        Poses { steps, constraints, ambiguous }
+        Poses { followed: steps.into(), constraints, ambiguous }
     }
 }
 
 struct Poses {
-    steps: Vec<Step>,
+    followed: Followed,
     constraints: usize,
     ambiguous: bool,
 }
@@ -366,7 +367,7 @@ fn line(
 ) -> Line {
     let one = |(log, steps): &(GraspLog, Vec<Step>)| {
         let poses = method.poses(log, steps, most);
-        (judge(log, &poses.steps, truth), poses)
+        (poses.followed.judged(log, truth), poses)
     };
     let found: Vec<(Option<Judgement>, Poses)> = with_room(|| runs.par_iter().map(one).collect());
     let judged: Vec<Judgement> = found.iter().filter_map(|f| f.0).collect();

@@ -20,11 +20,12 @@ use crate::experiment::{Spread, with_room};
 use crate::graph;
 use crate::log::GraspLog;
 use crate::quantity::Deviation;
+use crate::reference::Faces;
 use crate::sim::{ObjectSpec, Options, SimError, simulate};
 use crate::slam::track::{Step, truth};
 use crate::slam::trackers::Kind;
 use crate::space::{Point, Pose};
-use judge::{Judgement, Truth, judge};
+use judge::{Judgement, Truth, judge_known};
 
 /// Objects in the plane and in space that need no file.
 const OBJECTS: [&str; 12] = [
@@ -283,7 +284,7 @@ fn compare(
             _ => contender.follow(log, seed),
         };
         let graph = if contender.is_tracker() { selection.graph } else { graph::Kind::None };
-        graph.correct(log, &steps).map_or(steps, |c| c.relative)
+        Followed::corrected(graph, log, steps)
     };
     let runs = runs(&options, truth, selection.range(), &follow)?;
     let judged: Vec<Judgement> = runs.iter().filter_map(|r| r.judgement).collect();
@@ -318,22 +319,49 @@ fn options(spec: &ObjectSpec, percent: f64, selection: &Selection) -> Options {
     }
 }
 
+/// The poses that a run is judged by, and the faces where a graph estimated them too.
+pub(super) struct Followed {
+    pub(super) steps: Vec<Step>,
+    pub(super) faces: Option<Faces>,
+}
+
+impl From<Vec<Step>> for Followed {
+    fn from(steps: Vec<Step>) -> Followed {
+        Followed { steps, faces: None }
+    }
+}
+
+impl Followed {
+    /// A tracker's steps after the graph.
+    pub(super) fn corrected(graph: graph::Kind, log: &GraspLog, steps: Vec<Step>) -> Followed {
+        match graph.correct(log, &steps) {
+            Some(found) => Followed { steps: found.relative, faces: found.faces },
+            None => steps.into(),
+        }
+    }
+
+    /// `None` where there is nothing to judge by.
+    pub(super) fn judged(&self, log: &GraspLog, truth: &Truth) -> Option<Judgement> {
+        judge_known(log, &self.steps, self.faces.as_ref(), truth)
+    }
+}
+
 /// Simulates, follows and judges, a run for each seed; the tracker's seed is the simulation's.
 ///
 /// # Errors
 /// When the object cannot be simulated.
-pub(super) fn runs(
+pub(super) fn runs<F: Into<Followed>>(
     options: &Options,
     truth: &Truth,
     seeds: Range<u64>,
-    follow: &(dyn Fn(&GraspLog, u64) -> Vec<Step> + Sync),
+    follow: &(dyn Fn(&GraspLog, u64) -> F + Sync),
 ) -> Result<Vec<Run>, SimError> {
     let one = |seed| {
         let log = simulate(&Options { seed, ..options.clone() })?.log;
         let start = Instant::now();
-        let steps = follow(&log, seed);
+        let followed = follow(&log, seed).into();
         let milliseconds = 1e3 * start.elapsed().as_secs_f64() / log.grasps.len().max(1) as f64;
-        Ok(Run { judgement: judge(&log, &steps, truth), milliseconds })
+        Ok(Run { judgement: followed.judged(&log, truth), milliseconds })
     };
     with_room(|| seeds.into_par_iter().map(one).collect())
 }

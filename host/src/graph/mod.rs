@@ -12,6 +12,7 @@ pub mod pairwise;
 pub mod pose;
 
 use crate::log::GraspLog;
+use crate::reference::Faces;
 use crate::slam::track::Step;
 
 /// The corrections on offer.
@@ -31,13 +32,13 @@ impl Kind {
         match self {
             Kind::Planes => {
                 let found = joint::correct(log, steps)?;
-                let relative = found.relative();
-                Some(Corrected { steps: found.steps, relative })
+                let (relative, faces) = (found.relative(), found.shape(log));
+                Some(Corrected { steps: found.steps, relative, faces })
             }
             Kind::Pairwise => {
                 let found = pairwise::correct(log, steps)?;
                 let relative = found.relative();
-                Some(Corrected { steps: found.steps, relative })
+                Some(Corrected { steps: found.steps, relative, faces: None })
             }
             Kind::None => None,
         }
@@ -45,10 +46,13 @@ impl Kind {
 }
 
 /// A trajectory after its correction.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Corrected {
     /// With the poses' marginal covariances: how uncertain they are in the frame of the first grasp.
     pub steps: Vec<Step>,
     /// The same with how uncertain contacts are beside each other, to make a shape of.
     pub relative: Vec<Step>,
+    /// The faces that were estimated with the poses, where the object has any; with the contacts of the
+    /// log at `relative` ([`crate::slam::reconstruct::reconstruct_known`]).
+    pub faces: Option<Faces>,
 }

@@ -273,7 +273,7 @@ impl Faces {
     }
 
     /// Faces and what they explain, with the figures that follow from them.
-    fn explaining(
+    pub(crate) fn explaining(
         dimension: usize,
         contacts: &[Contact],
         faces: Vec<Face>,

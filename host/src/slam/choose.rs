@@ -162,6 +162,18 @@ pub fn polytope(
     Ok((faces, polytope))
 }
 
+/// The shape of faces that are known, from contacts that they explain; `None` where they leave contacts
+/// unexplained, or where contacts at edges are among those of a face, which only another fit tells.
+pub fn known(faces: &Faces, contacts: &[Contact], free: &[Point]) -> Option<Polytope> {
+    if faces.simplified(contacts).faces.len() != faces.faces.len() {
+        return None;
+    }
+    let polytope = close(faces, contacts, free).ok()?;
+    let felt = contacts.iter().filter(|c| c.normal.is_some()).count();
+    let lost = unexplained(faces, &polytope, contacts);
+    (lost as f64 <= UNEXPLAINED * felt as f64).then_some(polytope)
+}
+
 fn fitted(dimension: usize, contacts: &[Contact]) -> Result<Faces, Refusal> {
     let faces = Faces::fit(dimension, contacts).ok_or(Refusal::NoNormals)?;
     Ok(faces.simplified(contacts).regular(contacts))

@@ -6,12 +6,13 @@ use std::time::Instant;
 
 use crate::graph::pose::g2o::{self, Graph};
 use crate::log::{GraspLog, TrueShape};
+use crate::reference::Faces;
 use crate::shape::files::{self, FileError, Plain};
 use crate::shape::{Geometry, Outline, ShapeError, metrics};
 use crate::slam::Progress;
 use crate::slam::choose::Choice;
 use crate::slam::odometry_graph::odometry_graph;
-use crate::slam::reconstruct::{self, Reconstruction, reconstruct};
+use crate::slam::reconstruct::{self, Reconstruction, reconstruct_known};
 use crate::slam::replay;
 use crate::slam::track::Step;
 use crate::view::drawing::PictureError;
@@ -71,6 +72,8 @@ pub struct Correction<'a> {
     /// The steps with the covariances that say how uncertain contacts are beside each other
     /// ([`crate::graph::Corrected`]); `None` where the graph left the tracker's.
     pub relative: Option<&'a [Step]>,
+    /// The faces that it estimated, if any.
+    pub faces: Option<&'a Faces>,
 }
 
 /// How a run came about, for its report.
@@ -94,7 +97,7 @@ pub struct Provenance<'a> {
 /// known.
 ///
 /// # Errors
-/// When there is nothing to reconstruct; see [`reconstruct()`].
+/// When there is nothing to reconstruct; see [`reconstruct_known`].
 pub fn conclude(
     log: &GraspLog,
     truth: Option<&Geometry>,
@@ -103,7 +106,9 @@ pub fn conclude(
 ) -> Result<Outcome, reconstruct::Error> {
     let start = Instant::now();
     let placing = provenance.graph.and_then(|g| g.relative).unwrap_or(&steps);
-    let reconstruction = reconstruct(log, placing, provenance.surface, provenance.progress)?;
+    let known = provenance.graph.and_then(|g| g.faces);
+    let reconstruction =
+        reconstruct_known(log, placing, known, provenance.surface, provenance.progress)?;
     let mut seconds =
         vec![("track", provenance.tracking_seconds), ("surface", start.elapsed().as_secs_f64())];
     seconds.extend(provenance.graph.map(|g| ("graph", g.seconds)));

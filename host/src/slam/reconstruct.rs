@@ -6,8 +6,8 @@ use nalgebra::{Matrix3x6, Matrix6, Vector6};
 
 use crate::experts;
 use crate::log::GraspLog;
-use crate::reference::Contact;
 use crate::reference::gpis::Error as SurfaceError;
+use crate::reference::{Contact, Faces};
 use crate::shape::lattice::LatticeError;
 use crate::shape::{Field, Geometry, contour, surface};
 use crate::slam::choose::{self, Choice, Model, Refusal};
@@ -102,6 +102,33 @@ pub fn reconstruct(
     let free = free(log, steps);
     let (model, geometry, deviations) = shape(log.dimension, &contacts, &free, choice, progress)?;
     Ok(Reconstruction { geometry, deviations, contacts: placed, model })
+}
+
+/// The same where faces were estimated together with the poses, from all contacts of the log in their
+/// order: if faces suit the contacts, these are the shape's.
+///
+/// # Errors
+/// As [`reconstruct()`].
+pub fn reconstruct_known(
+    log: &GraspLog,
+    steps: &[Step],
+    faces: Option<&Faces>,
+    choice: Choice,
+    progress: Progress<'_>,
+) -> Result<Reconstruction, Error> {
+    let made = reconstruct(log, steps, choice, progress)?;
+    let (Some(faces), Model::Faces(_)) = (faces, &made.model) else { return Ok(made) };
+    let contacts: Vec<Contact> = made.contacts.iter().map(|p| p.contact).collect();
+    let outside: Vec<Point> = free(log, steps).iter().map(|f| f.point).collect();
+    Ok(match choose::known(faces, &contacts, &outside) {
+        Some(shape) => Reconstruction {
+            geometry: shape.geometry.clone(),
+            deviations: shape.deviations.clone(),
+            model: Model::Faces(Box::new(shape)),
+            ..made
+        },
+        None => made,
+    })
 }
 
 /// The shape of contacts and free points in the object frame: the model chosen, outline or mesh, and

@@ -4,11 +4,12 @@ use nalgebra::Point3;
 use tactile_core::track::Status;
 
 use crate::log::GraspLog;
+use crate::reference::Faces;
 use crate::shape::symmetry::Symmetry;
 use crate::shape::{Geometry, align, metrics};
 use crate::slam::choose::Choice;
 pub use crate::slam::gauge::gauge;
-use crate::slam::reconstruct::reconstruct;
+use crate::slam::reconstruct::reconstruct_known;
 use crate::slam::track::Step;
 use crate::space::{Point, Pose};
 
@@ -83,6 +84,16 @@ impl Judgement {
 
 /// Judges the poses of `steps`; `None` where the log has no true pose to judge by, or no contact.
 pub fn judge(log: &GraspLog, steps: &[Step], truth: &Truth) -> Option<Judgement> {
+    judge_known(log, steps, None, truth)
+}
+
+/// The same where faces were estimated together with the poses: the shape is made of them.
+pub fn judge_known(
+    log: &GraspLog,
+    steps: &[Step],
+    faces: Option<&Faces>,
+    truth: &Truth,
+) -> Option<Judgement> {
     let gauge = gauge(log, steps, &truth.geometry)?;
     let offsets = offsets(log, steps, truth, &gauge);
     let last = *offsets.last()?;
@@ -90,7 +101,7 @@ pub fn judge(log: &GraspLog, steps: &[Step], truth: &Truth) -> Option<Judgement>
         (offsets.iter().map(|o| f(o).powi(2)).sum::<f64>() / offsets.len() as f64).sqrt()
     };
     let rms = Offset { translation: square(|o| o.translation), rotation: square(|o| o.rotation) };
-    let shape = reconstruct(log, steps, Choice::Auto, &|_, _| {}).ok();
+    let shape = reconstruct_known(log, steps, faces, Choice::Auto, &|_, _| {}).ok();
     let shape = shape.map(|s| s.geometry.transformed(&gauge)).filter(|s| !metrics::is_empty(s));
     let aligned = shape.as_ref().and_then(|estimate| {
         let pose = align::align(estimate, &truth.geometry);

@@ -7,8 +7,8 @@ use std::time::Instant;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::Contender;
-use super::judge::{Judgement, Truth, judge};
+use super::judge::{Judgement, Truth};
+use super::{Contender, Followed};
 use crate::experiment::{Spread, with_room};
 use crate::graph;
 use crate::log::{GraspLog, LogError};
@@ -168,9 +168,9 @@ fn follow(recording: &Recording, contender: Contender, selection: &Selection) ->
         let start = Instant::now();
         let steps = contender.follow(log, seed);
         let kind = if contender.is_tracker() { selection.graph } else { graph::Kind::None };
-        let steps = kind.correct(log, &steps).map_or(steps, |c| c.relative);
+        let followed = Followed::corrected(kind, log, steps);
         let milliseconds = 1e3 * start.elapsed().as_secs_f64() / log.grasps.len().max(1) as f64;
-        Some((judge(log, &steps, truth)?, milliseconds))
+        Some((followed.judged(log, truth)?, milliseconds))
     };
     // Another seed is the same run of what draws nothing.
     let seeds = match contender.is_tracker() {

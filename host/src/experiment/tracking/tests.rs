@@ -1,3 +1,4 @@
+use super::judge::judge;
 use super::judge::{gauge, offsets};
 use super::*;
 use crate::sim::Simulation;

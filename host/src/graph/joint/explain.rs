@@ -6,7 +6,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::problem::{Labels, Problem, State};
-use super::regular::Relation;
+use super::relation::Relation;
 use super::solve::{Solved, offset_row, solve};
 use super::tangent::{Face, six_by_six};
 use crate::reference::Contact;

@@ -9,16 +9,19 @@
 //! Levenberg–Marquardt iteration on the structure that [`arrow`] exploits and the evidence of what it
 //! finds, to which [`size`] belongs. [`explain`] and [`alias`] decide which contact lies on which face
 //! and at which of several look-alike poses a grasp was made, [`retrack`] builds a trajectory of its
-//! own, [`regular`](mod@regular) makes faces parallel or square. [`surface`] does for curved objects what
+//! own, [`regular`](mod@regular) gives faces an order by [`relation`]s such as parallel and square, and
+//! [`average`] takes the mean where it is open which hold. [`surface`] does for curved objects what
 //! faces do for flat ones, from the tracker's trajectory or those that [`round`] finds.
 
 pub mod alias;
 pub mod arrow;
+pub mod average;
 pub mod explain;
 pub mod factors;
 pub mod planes;
 pub mod problem;
 pub mod regular;
+pub mod relation;
 pub mod retrack;
 pub mod round;
 pub mod size;

@@ -3,6 +3,7 @@
 use nalgebra::{Const, DimMin, Matrix3, Matrix6};
 
 use super::alias::restart;
+use super::average::{Averaged, averaged};
 use super::explain::{fitted, improve, settle};
 use super::problem::{Labels, Problem, State};
 use super::regular::regular;
@@ -10,8 +11,9 @@ use super::retrack::retrack;
 use super::solve::Solved;
 use super::tangent::six_by_six;
 use crate::log::GraspLog;
-use crate::reference::Contact;
-use crate::slam::reconstruct::doubt;
+use crate::reference::faces::Owner;
+use crate::reference::{self, Contact, Faces};
+use crate::slam::reconstruct::{doubt, place};
 use crate::slam::track::Step;
 use crate::space::{Point, Pose};
 
@@ -32,6 +34,23 @@ pub struct Plane {
     pub covariance: Matrix3<f64>,
     /// Contacts that lie on it.
     pub contacts: usize,
+}
+
+impl Plane {
+    /// The same as contacts of that centroid would give it.
+    fn about(&self, centroid: &Point) -> reference::faces::Face {
+        let [t, u] = self.tangents;
+        let row = Point::new(t.dot(centroid), u.dot(centroid), -1.0);
+        let across = Matrix3::from_columns(&[t, u, Point::zeros()]);
+        reference::faces::Face {
+            normal: self.normal,
+            offset: self.offset,
+            centroid: *centroid,
+            offset_variance: row.dot(&(self.covariance * row)).max(0.0),
+            normal_covariance: across * self.covariance * across.transpose(),
+            contacts: self.contacts,
+        }
+    }
 }
 
 /// What the graph made of a log.
@@ -59,6 +78,29 @@ impl Corrected {
     pub fn explained(&self) -> f64 {
         let explained = self.owners.iter().flatten().count();
         explained as f64 / self.owners.len().max(1) as f64
+    }
+
+    /// The faces as a shape is made of them, with all contacts of the log at [`Corrected::relative`];
+    /// `None` without faces. A second fit to the contacts would know less: what a grasp's contacts have
+    /// in common, and which faces are parallel or square, is lost in them.
+    pub fn shape(&self, log: &GraspLog) -> Option<Faces> {
+        if self.faces.is_empty() {
+            return None;
+        }
+        let placed: Vec<Contact> =
+            place(log, &self.relative()).into_iter().map(|p| p.contact).collect();
+        let mut known = self.owners.iter();
+        let owner = |c: &Contact| {
+            c.checked()?;
+            (*known.next()?).map(Owner::Face)
+        };
+        let owners: Vec<Option<Owner>> = placed.iter().map(owner).collect();
+        let faces = self.faces.iter().enumerate().map(|(number, plane)| {
+            let own = placed.iter().zip(&owners).filter(|(_, o)| **o == Some(Owner::Face(number)));
+            let sum: Point = own.map(|(c, _)| c.point).sum();
+            plane.about(&(sum / plane.contacts.max(1) as f64))
+        });
+        Some(Faces::explaining(log.dimension, &placed, faces.collect(), owners))
     }
 
     /// The steps with the covariances of [`Corrected::given_faces`]: to place contacts side by side.
@@ -131,19 +173,21 @@ where
         let first = trajectories.first().and_then(|steps| Some(steps.first()?.pose));
         found.extend(retrack::<D>(problem, first));
     }
-    for solved in &mut found {
+    let mut considered: Vec<(Solved<D>, Vec<Solved<D>>)> = Vec::new();
+    for mut solved in found {
         for _ in 0..effort.rounds {
-            let moved = improve(problem, solved);
-            let restarted = effort.restarts && restart(problem, solved);
+            let moved = improve(problem, &mut solved);
+            let restarted = effort.restarts && restart(problem, &mut solved);
             if !moved && !restarted {
                 break;
             }
         }
-        regular(problem, solved);
+        let others = regular(problem, &mut solved);
+        considered.push((solved, others));
     }
-    let best = found.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
+    let (best, others) = considered.into_iter().min_by(|a, b| a.0.cost.total_cmp(&b.0.cost))?;
     let steps = trajectories.first().copied().unwrap_or_default();
-    (!best.state.faces.is_empty()).then(|| corrected(problem, &best, steps))?
+    (!best.state.faces.is_empty()).then(|| corrected(problem, &best, &others, steps))?
 }
 
 /// Faces fitted at a tracker's poses.
@@ -167,16 +211,16 @@ fn initial(problem: &Problem, steps: &[Step], doubted: bool) -> (State, Labels) 
 fn corrected<const D: usize>(
     problem: &Problem,
     best: &Solved<D>,
+    others: &[Solved<D>],
     steps: &[Step],
 ) -> Option<Corrected> {
-    let inverse = best.factor.inverse()?;
+    let Averaged { state, covariance: inverse } = averaged(problem.dimension, best, others)?;
     let dimension = problem.dimension;
     let blocks = |blocks: &[nalgebra::SMatrix<f64, D, D>]| -> Vec<Matrix6<f64>> {
         std::iter::once(Matrix6::zeros()).chain(blocks.iter().map(six_by_six)).collect()
     };
     let (marginal, given_faces) = (blocks(&inverse.poses), blocks(&inverse.given_faces));
-    let steps = best
-        .state
+    let steps = state
         .poses
         .iter()
         .zip(&marginal)
@@ -186,7 +230,7 @@ fn corrected<const D: usize>(
             Step { pose: *pose, covariance: *covariance, ..before }
         })
         .collect();
-    let faces = best.state.faces.iter().enumerate().map(|(j, face)| {
+    let faces = state.faces.iter().enumerate().map(|(j, face)| {
         let mut covariance = Matrix3::zeros();
         let number = |k: usize| if dimension == 2 && k == 1 { 2 } else { k };
         for a in 0..dimension {
@@ -209,17 +253,17 @@ fn corrected<const D: usize>(
         faces: faces.collect(),
         owners: best.labels.clone(),
         cost: best.cost,
-        per_degree: per_degree(problem, best),
+        per_degree: per_degree(problem, &state, &best.labels),
     })
 }
 
 /// χ² of contacts and motions over the numbers measured less those found.
-fn per_degree<const D: usize>(problem: &Problem, best: &Solved<D>) -> f64 {
+fn per_degree(problem: &Problem, state: &State, labels: &Labels) -> f64 {
     let (mut chi, mut degrees) = (0.0, 0.0);
-    for (i, label) in best.labels.iter().enumerate() {
+    for (i, label) in labels.iter().enumerate() {
         let Some(face) = label else { continue };
-        let contact = problem.placed(&best.state.poses, i);
-        let face = &best.state.faces[*face];
+        let contact = problem.placed(&state.poses, i);
+        let face = &state.faces[*face];
         chi += (face.value(&contact.point) / contact.point_deviation).powi(2);
         degrees += 1.0;
         if let Some(normal) = contact.normal {
@@ -227,12 +271,12 @@ fn per_degree<const D: usize>(problem: &Problem, best: &Solved<D>) -> f64 {
             degrees += (problem.dimension - 1) as f64;
         }
     }
-    let centre = problem.middle(&best.state.poses);
-    for k in 1..best.state.poses.len() {
+    let centre = problem.middle(&state.poses);
+    for k in 1..state.poses.len() {
         let motion = &problem.motions[k];
-        let (before, after) = (&best.state.poses[k - 1], &best.state.poses[k]);
+        let (before, after) = (&state.poses[k - 1], &state.poses[k]);
         let step = super::factors::step(before, after, &motion.pose, motion.deviations, &centre);
         chi += step.residual.norm_squared();
     }
-    chi / (degrees - (problem.dimension * best.state.faces.len()) as f64).max(1.0)
+    chi / (degrees - (problem.dimension * state.faces.len()) as f64).max(1.0)
 }

@@ -6,7 +6,7 @@ use crate::slam::{deviations, track};
 use crate::space::{Point, Pose};
 
 use super::factors::Kernel;
-use super::regular::Relation;
+use super::relation::Relation;
 use super::tangent::Face;
 
 /// Deviations of a motion that nobody measured (metres, radians): weak, but it keeps a grasp that sees

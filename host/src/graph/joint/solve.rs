@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, SMatrix};
 use super::arrow::{Arrow, Factor};
 use super::factors;
 use super::problem::{Labels, Problem, State};
-use super::regular::Relation;
+use super::relation::Relation;
 use super::size;
 use super::tangent::{Tangent, axes, retract};
 use crate::space::Point;

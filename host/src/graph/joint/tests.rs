@@ -2,15 +2,20 @@ use nalgebra::SVector;
 use proptest::prelude::*;
 
 use super::alias::restart;
+use super::average::averaged;
 use super::explain::{improve, settle};
 use super::planes::{Corrected, Effort, planes};
 use super::problem::{Labels, Problem, State};
+use super::relation::Relation;
 use super::solve::{linearise, solve};
 use super::tangent::{Tangent, axes, local, retract};
 use crate::graph::Kind;
 use crate::log::GraspLog;
 use crate::quantity::Deviation;
+use crate::shape::Geometry;
 use crate::sim::{Options, simulate};
+use crate::slam::choose::Choice;
+use crate::slam::reconstruct::reconstruct_known;
 use crate::slam::track::{self, Step};
 use crate::space::{Point, Pose};
 
@@ -250,6 +255,68 @@ fn contacts_without_normals_lie_on_known_faces() {
         contact.normal = None;
     }
     assert!(planes(&log, &[&track::truth(&log).unwrap()], Effort::default()).is_none());
+}
+
+#[test]
+fn what_is_open_is_taken_in_the_mean() {
+    let log = simulate(&options("rectangle:0.10x0.06", 10)).unwrap().log;
+    let (problem, state, labels) = at_truth(&log);
+    let free = solve::<3>(&problem, state.clone(), labels.clone()).unwrap();
+    let cosine = |s: &State, j: usize| s.faces[0].normal.dot(&s.faces[j].normal);
+    let side = (1..4).find(|j| cosine(&free.state, *j).abs() < 0.5).unwrap();
+    let square = Relation::nearest(&free.state.faces, 0, side, 0.0);
+    let state = State { relations: vec![square], ..free.state.clone() };
+    let mut related = solve::<3>(&problem, state, labels).unwrap();
+    let alone = averaged(2, &free, &[]).unwrap();
+    let same = |a: &State, b: &State| (cosine(a, side) - cosine(b, side)).abs() < 1e-12;
+    assert!(same(&alone.state, &free.state));
+    let angle = |s: &State| cosine(s, side).asin();
+    let [open, exact] = [angle(&free.state), angle(&related.state)];
+    assert!((open - exact).abs() > 1e-3);
+    // Three times as plausible: a quarter of the way back.
+    related.cost = free.cost - 3f64.ln();
+    let mean = averaged(2, &related, std::slice::from_ref(&free)).unwrap();
+    let expected = 0.75 * exact + 0.25 * open;
+    assert!((angle(&mean.state) - expected).abs() < 0.02 * (open - exact).abs());
+    let own = averaged(2, &related, &[]).unwrap();
+    let width = |c: &super::average::Averaged<3>| c.covariance.faces[(0, 0)];
+    assert!(width(&mean) > width(&own));
+    // Far behind, or of other faces: no part of the mean.
+    related.cost = free.cost - 20.0;
+    let sure = averaged(2, &related, std::slice::from_ref(&free)).unwrap();
+    assert!(same(&sure.state, &related.state));
+}
+
+#[test]
+fn the_shape_is_made_of_the_graphs_faces() {
+    let log = simulate(&options("rectangle:0.10x0.06", 12)).unwrap().log;
+    let truth = track::truth(&log).unwrap();
+    let corrected = Kind::Planes.correct(&log, &truth).unwrap();
+    let faces = corrected.faces.unwrap();
+    assert_eq!(faces.owners.len(), log.grasps.iter().map(|g| g.contacts.len()).sum::<usize>());
+    for (i, a) in faces.faces.iter().enumerate() {
+        for b in &faces.faces[..i] {
+            let cosine = a.normal.dot(&b.normal);
+            assert!(cosine.abs() < 0.02 || cosine < -0.999, "{cosine}");
+        }
+    }
+    let made = |known| {
+        let quiet: crate::slam::Progress<'_> = &|_, _| {};
+        let steps = &corrected.relative;
+        reconstruct_known(&log, steps, known, Choice::Auto, quiet).unwrap().geometry
+    };
+    let (Geometry::Outline(own), Geometry::Outline(other)) = (made(Some(&faces)), made(None))
+    else {
+        panic!()
+    };
+    assert!((own.area() - 0.006).abs() < 3e-4, "{}", own.area());
+    let corner = |face: &crate::reference::faces::Face, p: &[f64; 2]| {
+        face.value(&Point::new(p[0], p[1], 0.0)).abs() < 1e-6
+    };
+    let on_two = |o: &crate::shape::Outline| {
+        o.loops.iter().flatten().all(|p| faces.faces.iter().filter(|f| corner(f, p)).count() == 2)
+    };
+    assert!(on_two(&own) && !on_two(&other));
 }
 
 #[test]
