@@ -118,6 +118,7 @@ impl PartArgs {
             EXPLORATION[1],
             SOLIDS[0],
             SOLIDS[1],
+            SOLIDS[2],
             PLANNING,
         ];
         const NOISY: &[&str] = &[SHAPES, TRACKING, CONSISTENCY];
@@ -134,6 +135,7 @@ impl PartArgs {
             EXPLORATION[1],
             SOLIDS[0],
             SOLIDS[1],
+            SOLIDS[2],
             PLANNING,
         ];
         const SPOILED: &[&str] = &[TRACKING, CONSISTENCY, POSE_GRAPH_OUTLIERS];
@@ -171,7 +173,7 @@ const MUJOCO: &str = "mujoco";
 const EXPLORATION: [&str; 2] = ["table-4.2", "table-4.3"];
 
 /// Grasps until a spatial object is known.
-const SOLIDS: [&str; 2] = ["solids", "solids-moving"];
+const SOLIDS: [&str; 3] = ["solids", "solids-moving", "solids-hand"];
 
 /// What planning ahead is worth.
 const PLANNING: &str = "planning";
@@ -421,20 +423,23 @@ fn count_actions(args: &ReproduceArgs) -> Result<(), Error> {
 
 /// Grasps until solids are known, row by row as they are done.
 fn explore_solids(args: &ReproduceArgs) -> Result<(), Error> {
-    let [fixed, moving] = SOLIDS;
+    let [fixed, moving, hand] = SOLIDS;
     let PartArgs { object, first_seed, tracker, .. } = &args.part;
+    let first = first_seed.unwrap_or(0);
+    let seeds = first..first.saturating_add(args.seeds());
+    if args.name == hand {
+        let rows = watch(args, solids::on_table::heading());
+        let table = solids::on_table::run(object, seeds, rows).map_err(Error::input)?;
+        return conclude(args, &Outcome::new(hand, &table, None)?);
+    }
     let (name, moving) = if args.name == fixed { (fixed, None) } else { (moving, Some(tracker)) };
     let follows = |contender: &Contender| match contender {
         Contender::Tracker(kind) => Ok(*kind),
         _ => Err(Error::input("--tracker: solids-moving takes one of ours")),
     };
     let moving = moving.map(|given| given.first().map_or(Ok(Kind::Hypotheses), follows));
-    let first = first_seed.unwrap_or(0);
-    let selection = solids::Selection {
-        objects: object.clone(),
-        seeds: first..first.saturating_add(args.seeds()),
-        moving: moving.transpose()?,
-    };
+    let selection =
+        solids::Selection { objects: object.clone(), seeds, moving: moving.transpose()? };
     let rows = watch(args, solids::heading());
     let table = solids::run(data().as_deref(), &selection, rows).map_err(Error::input)?;
     conclude(args, &Outcome::pictured(name, &table, table.picture())?)

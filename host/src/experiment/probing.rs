@@ -118,14 +118,15 @@ pub fn run(seeds: u64) -> Result<Figure, Error> {
             let volume = |low: Point, high: Point| (high - low).product();
             volumes.push(100.0 * volume(found.low, found.high) / volume(low, high));
             if seed == 0 {
-                let contacts = bench.log().grasps.first().map_or(&[][..], |g| &g.contacts[..]);
+                let touched: Vec<(Point, Option<Point>)> =
+                    found.touches().map(|(point, outward)| (point, Some(outward))).collect();
                 panels.push(Panel {
                     title: object.into(),
-                    note: format!("{moves} guarded moves, {} touches", contacts.len()),
+                    note: format!("{moves} guarded moves, {} touches", touched.len()),
                     truth,
                     estimate: Some(Geometry::Mesh(block(&found.low, &found.high)?)),
                     deviations: Vec::new(),
-                    contacts: contacts.iter().map(|c| (c.point, c.normal)).collect(),
+                    contacts: touched,
                     groups: Vec::new(),
                     links: Vec::new(),
                 });

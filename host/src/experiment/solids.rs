@@ -14,6 +14,7 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use self::bound::{Bound, Outlook};
 use super::proportion::Proportion;
 use super::{Spread, with_room};
 use crate::explore::placement::drawn;
@@ -28,7 +29,9 @@ use crate::sim::{Bench, ObjectError, ObjectSpec, Options, SimError};
 use crate::slam::trackers::Kind;
 use crate::space::{Point, Pose};
 
+pub mod bound;
 pub mod figures;
+pub mod on_table;
 
 /// Objects that need no file.
 const PRIMITIVES: [&str; 4] = [
@@ -74,6 +77,9 @@ const CANDIDATES: usize = 120;
 
 /// Slip at every grasp of a moving object, per axis.
 const SLIP: Deviation = Deviation { length: 5e-3, angle: 10.0 * std::f64::consts::PI / 180.0 };
+
+/// How near the last pose of an object that slips is wanted.
+const TOLERANCE: Deviation = Deviation { length: 3e-3, angle: 3.0 * std::f64::consts::PI / 180.0 };
 
 /// Share of the reachable surface that must be known, and how near the believed one must be to it,
 /// metres.
@@ -159,6 +165,9 @@ pub struct Row {
     pub reached: Proportion,
     /// Runs with a last pose within 3 mm and 3°.
     pub pose: Proportion,
+    /// Share of runs that would have such a pose after their last grasp had the shape, and the pose before
+    /// the slip, been known exactly ([`Bound`]), percent; `None` of an object that stays where it is.
+    pub possible: Option<f64>,
     /// Error of the last pose, millimetres.
     pub pose_mm: Option<Spread>,
     /// The same in degrees, without regard to symmetry.
@@ -177,6 +186,8 @@ pub struct Table {
     pub tracker: Option<&'static str>,
     /// One per object and criterion.
     pub rows: Vec<Row>,
+    /// Of each object that slips, how probable a pose within 3 mm and 3° is after one grasp of a known shape.
+    pub outlooks: Vec<(String, Outlook)>,
     /// What was left out and why.
     pub skipped: Vec<String>,
 }
@@ -197,17 +208,21 @@ pub fn run(
 ) -> Result<Table, ObjectError> {
     let (objects, skipped) = objects(data, &selection.objects)?;
     let criteria: &[Criterion] = if selection.moving.is_some() { &MOVING } else { &FIXED };
-    let mut rows = Vec::new();
+    let (mut rows, mut outlooks) = (Vec::new(), Vec::new());
     for object in &objects {
         let geometry = object.spec.geometry()?;
         let reachable = with_room(|| Reachable::of(&geometry));
+        if selection.moving.is_some() {
+            let outlook = with_room(|| bound(&object.spec, &geometry).outlook(&geometry));
+            outlooks.push((object.name.clone(), outlook));
+        }
         for criterion in criteria {
             let row = with_room(|| row(object, &reachable, *criterion, selection));
             watch(&row);
             rows.push(row);
         }
     }
-    Ok(Table { tracker: selection.moving.map(Kind::name), rows, skipped })
+    Ok(Table { tracker: selection.moving.map(Kind::name), rows, outlooks, skipped })
 }
 
 fn objects(
@@ -251,9 +266,34 @@ fn objects(
     Ok((objects, skipped))
 }
 
+/// What decides how well the pose of an object that slips can be known.
+fn bound(spec: &ObjectSpec, geometry: &Geometry) -> Bound {
+    Bound {
+        contact: Options::new(spec.clone()).contact_noise,
+        slip: SLIP,
+        centre: geometry.centroid(),
+        tolerance: TOLERANCE,
+    }
+}
+
+/// How probable a pose within the tolerance is after the last grasp of a log at best.
+fn possible(bench: &Bench, spec: &ObjectSpec) -> f64 {
+    let Some((grasp, truth)) = bench.log().grasps.last().and_then(|g| Some((g, g.truth?))) else {
+        return 0.0;
+    };
+    let back = truth.inverse();
+    let felt = grasp
+        .contacts
+        .iter()
+        .filter_map(|c| Some(((back * Point3::from(c.point)).coords, back.rotation * c.normal?)));
+    bound(spec, bench.geometry()).chance(&felt.collect::<Vec<_>>())
+}
+
 /// One run and how long it took, seconds.
 struct Run {
     episode: Episode,
+    /// [`possible`], where the object slips.
+    possible: Option<f64>,
     seconds: f64,
 }
 
@@ -262,10 +302,12 @@ fn row(object: &Object, reachable: &Reachable, criterion: Criterion, selection: 
     let runs: Vec<Option<Run>> = seeds
         .map(|seed| {
             let start = Instant::now();
-            let bench = bench(&object.spec, selection.moving.is_some(), seed).ok()?;
+            let mut bench = bench(&object.spec, selection.moving.is_some(), seed).ok()?;
             let settings = settings(criterion, selection.moving, seed);
-            let episode = episode(bench, &settings, reachable)?;
-            Some(Run { episode, seconds: start.elapsed().as_secs_f64() })
+            let episode = episode(&mut bench, &settings, reachable)?;
+            let seconds = start.elapsed().as_secs_f64();
+            let possible = selection.moving.map(|_| possible(&bench, &object.spec));
+            Some(Run { episode, possible, seconds })
         })
         .collect();
     let reached = |r: &Option<Run>| r.as_ref().is_some_and(|r| r.episode.reached());
@@ -285,8 +327,9 @@ fn row(object: &Object, reachable: &Reachable, criterion: Criterion, selection: 
     let ended = |of: fn(&Episode) -> f64| Spread::of(runs.iter().flatten().map(|r| of(&r.episode)));
     let good = |r: &Run| {
         let (metres, radians) = r.episode.pose_error;
-        metres < 3e-3 && radians < 3f64.to_radians()
+        metres < TOLERANCE.length && radians < TOLERANCE.angle
     };
+    let chances: Vec<f64> = runs.iter().flatten().filter_map(|r| r.possible).collect();
     Row {
         object: object.name.clone(),
         reachable: reachable.points.len() as f64 / reachable.of.max(1) as f64,
@@ -296,6 +339,8 @@ fn row(object: &Object, reachable: &Reachable, criterion: Criterion, selection: 
         contacts: actions().map(|a| a.contacts as f64).sum::<f64>() / n,
         reached: Proportion::of(runs.iter().map(reached)),
         pose: Proportion::of(runs.iter().map(|r| r.as_ref().is_some_and(good))),
+        possible: (!chances.is_empty())
+            .then(|| 100.0 * chances.iter().sum::<f64>() / chances.len() as f64),
         pose_mm: ended(|e| 1e3 * e.pose_error.0),
         pose_deg: ended(|e| e.pose_error.1.to_degrees()),
         choosing_ms: (!choices.is_empty())
@@ -326,15 +371,15 @@ fn settings(criterion: Criterion, tracker: Option<Kind>, seed: u64) -> Settings 
 }
 
 /// `None` where the hand never met the object or what it felt made no surface.
-fn episode(mut bench: Bench, settings: &Settings, reachable: &Reachable) -> Option<Episode> {
+fn episode(bench: &mut Bench, settings: &Settings, reachable: &Reachable) -> Option<Episode> {
     let known = |belief: &Belief, frame: &Pose| (reachable.known(belief, frame), SHARE);
-    explore_until(&mut bench, settings, known, |_| ()).ok()
+    explore_until(bench, settings, known, |_| ()).ok()
 }
 
 /// The head of the table.
 pub fn heading() -> String {
     format!(
-        "  {:<30}{:>10}  {:<20}{:>14}{:>10}  {:<20}{:<18}{:<20}{:<22}{:>9}{:>11}",
+        "  {:<30}{:>10}  {:<20}{:>14}{:>10}  {:<20}{:<18}{:>9}  {:<20}{:<22}{:>9}{:>11}",
         "object",
         "reachable",
         "criterion",
@@ -342,6 +387,7 @@ pub fn heading() -> String {
         "contacts",
         "reached",
         "pose < 3 mm, 3°",
+        "possible",
         "pose mm",
         "pose °",
         "choice ms",
@@ -354,7 +400,7 @@ impl fmt::Display for Row {
         let show = |s: &Option<Spread>| s.map_or("–".to_owned(), |s| s.to_string());
         write!(
             f,
-            "  {:<30}{:>8.0} %  {:<20}{:>7.1} ± {:<4.1}{:>10.0}  {:<20}{:<18}{:<20}{:<22}{:>9}{:>11.0}",
+            "  {:<30}{:>8.0} %  {:<20}{:>7.1} ± {:<4.1}{:>10.0}  {:<20}{:<18}{:>9}  {:<20}{:<22}{:>9}{:>11.0}",
             self.object,
             100.0 * self.reachable,
             self.criterion,
@@ -363,6 +409,7 @@ impl fmt::Display for Row {
             self.contacts,
             self.reached.to_string(),
             self.pose.to_string(),
+            self.possible.map_or("–".to_owned(), |share| format!("{share:.0} %")),
             show(&self.pose_mm),
             show(&self.pose_deg),
             self.choosing_ms.map_or("–".to_owned(), |ms| format!("{ms:.1}")),
@@ -390,6 +437,15 @@ impl fmt::Display for Table {
         }
         for skipped in &self.skipped {
             writeln!(f, "  skipped {skipped}")?;
+        }
+        for (object, Outlook { usual, best }) in &self.outlooks {
+            writeln!(
+                f,
+                "  {object}: had the shape and the pose before the slip been known exactly, a usual grasp would \
+                 leave the pose within 3 mm and 3° in {:.0} % of cases, the best of a thousand in {:.0} %",
+                100.0 * usual,
+                100.0 * best
+            )?;
         }
         if self.tracker.is_none() {
             writeln!(

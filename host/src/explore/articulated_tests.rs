@@ -43,7 +43,7 @@ fn settings(candidates: Candidates, most_actions: usize) -> Settings {
 fn probed(bench: &mut Bench) -> Belief {
     bench.probe().unwrap();
     let mut belief = Belief::new(bench.log(), &[Step::certain(Pose::identity())]).unwrap();
-    belief.hand = bench.hand().clone();
+    (belief.hand, belief.table) = (bench.hand().clone(), bench.table());
     belief
 }
 
@@ -62,8 +62,9 @@ fn a_box_on_a_table_is_explored_by_fingers_that_close() {
     assert_eq!(log.fingers[4], "th_distal");
     let felt: usize = episode.actions[1..].iter().map(|a| a.contacts).sum();
     assert!(felt >= 4, "{felt}");
-    for (grasp, action) in log.grasps.iter().zip(&episode.actions) {
-        assert_eq!(grasp.contacts.len(), action.contacts);
+    for (k, (grasp, action)) in log.grasps.iter().zip(&episode.actions).enumerate() {
+        // The table holds the object where no finger can touch it.
+        assert_eq!(grasp.contacts.len(), action.contacts + usize::from(k == 0));
         assert_eq!(grasp.unknown.contains_key("unreachable"), action.refused.is_some());
         let back = grasp.truth.unwrap().inverse();
         for contact in &grasp.contacts {
@@ -85,20 +86,39 @@ fn candidates_face_the_object_and_are_clear_of_it() {
     let belief = probed(&mut bench);
     let Hand::Articulated(hand) = bench.hand().clone() else { panic!("a hand") };
     let [mut random] = crate::sim::random::Random::streams(5);
-    let drawn = approach::drawn(&hand, &belief, bench.table(), 30, &mut random);
-    let fixed = approach::fixed(&hand, &belief, bench.table());
+    let drawn = approach::drawn(&hand, &belief, 30, &mut random);
+    let fixed = approach::fixed(&hand, &belief);
     assert!(drawn.len() > 15 && fixed.len() >= 5, "{} {}", drawn.len(), fixed.len());
     let Geometry::Mesh(mesh) = &belief.geometry else { panic!("a mesh") };
-    let around =
-        crate::sim::hand::Surroundings { object: Some((mesh, belief.pose)), table: Some(0.0) };
+    let around = crate::sim::hand::Surroundings::new(Some((mesh, belief.pose)), Some(0.0));
     for (placement, met) in drawn.iter().zip(swept::met(&hand, &belief, &drawn)) {
-        assert_eq!(hand.fits(&(belief.pose * placement.hand), placement.spread, &around), Ok(()));
+        let grasp = belief.pose * placement.hand;
+        assert_eq!(hand.fits(&grasp, placement.spread, &around), Ok(()));
+        assert!(hand.above(&grasp, placement.spread, 0.0) > 0.0);
         assert!(!met.is_empty());
         for m in met {
             assert!(belief.geometry.distance(&m.contact.point) < 1e-6);
             assert!((m.contact.normal.norm() - 1.0).abs() < 1e-9);
         }
     }
+}
+
+#[test]
+fn low_objects_are_come_at_from_the_side_by_lifted_hands_and_the_table_stops_fingers() {
+    let mut bench = bench("box:0.06x0.06x0.03");
+    let belief = probed(&mut bench);
+    let Hand::Articulated(hand) = bench.hand().clone() else { panic!("a hand") };
+    let [mut random] = crate::sim::random::Random::streams(7);
+    let drawn = approach::drawn(&hand, &belief, 24, &mut random);
+    let up = |p: &Placement| (belief.pose.rotation * p.hand.rotation * Point::z()).z;
+    assert!(drawn.iter().filter(|p| up(p) < 0.3).count() >= 2);
+    let felt = |table: Option<f64>| -> usize {
+        let mut belief = belief.clone();
+        belief.table = table;
+        swept::met(&hand, &belief, &drawn).iter().map(Vec::len).sum()
+    };
+    assert_eq!(felt(Some(1.0)), 0);
+    assert!(felt(Some(0.012)) < felt(Some(0.0)) && felt(Some(0.0)) <= felt(None));
 }
 
 #[test]
@@ -110,7 +130,7 @@ fn what_is_expected_is_about_what_is_felt() {
     belief.geometry = bench.geometry().transformed(&truth);
     let Hand::Articulated(hand) = bench.hand().clone() else { panic!("a hand") };
     let [mut random] = crate::sim::random::Random::streams(6);
-    let drawn = approach::drawn(&hand, &belief, bench.table(), 12, &mut random);
+    let drawn = approach::drawn(&hand, &belief, 12, &mut random);
     let (mut expected, mut came, mut near) = (0, 0, 0);
     for (placement, met) in drawn.iter().zip(swept::met(&hand, &belief, &drawn)) {
         bench.grasp(&placement.hand, placement.spread, 0.1).unwrap();
@@ -172,8 +192,24 @@ fn probing_delimits_objects_in_the_plane_and_in_space() {
         assert!((found.low - low).norm() < 2e-4, "{} {low}", found.low);
         assert!((found.high - high).norm() < 2e-4, "{} {high}", found.high);
         let contacts = &bench.log().grasps[0].contacts;
-        assert_eq!(contacts.len(), touches);
+        let stands = usize::from(bench.table().is_some());
+        assert_eq!(contacts.len(), touches + stands);
         assert!(contacts.iter().all(|c| c.finger.is_none() && c.normal_noise.is_some()));
+        let back = truth.inverse();
+        let outside = |p: &Point| {
+            let at = (back * Point3::from(*p)).coords;
+            let Geometry::Mesh(mesh) = bench.geometry() else { return true };
+            mesh.signed_distance(&at).unwrap() > 2.5e-3
+        };
+        let free = &bench.log().grasps[0].free;
+        assert_eq!(free.len(), if bench.log().dimension == 3 { 25 * touches } else { 0 });
+        assert!(free.iter().all(|f| outside(&f.point)));
+        if stands == 1 {
+            let foot = contacts.last().unwrap();
+            assert_eq!((foot.point.z, foot.normal), (0.0, Some(-Point::z())));
+            let at = (back * Point3::from(foot.point)).coords;
+            assert!(bench.geometry().distance(&at) < 1e-9);
+        }
     }
 }
 
@@ -185,7 +221,7 @@ fn an_object_that_slips_is_pushed_and_stays_upright_on_its_table() {
     let belief = probed(&mut bench);
     let Hand::Articulated(hand) = bench.hand().clone() else { panic!("a hand") };
     let [mut random] = crate::sim::random::Random::streams(2);
-    for placement in approach::drawn(&hand, &belief, bench.table(), 6, &mut random) {
+    for placement in approach::drawn(&hand, &belief, 6, &mut random) {
         let _ = bench.grasp(&placement.hand, placement.spread, 0.1);
     }
     for pair in bench.log().grasps.windows(2) {

@@ -38,6 +38,8 @@ pub struct Belief {
     pub noise: (f64, f64),
     /// What touches: the idealised hand until told otherwise.
     pub hand: Hand,
+    /// Height of the table that the object stands on, world frame, metres: none until told otherwise.
+    pub table: Option<f64>,
     /// What the surface is about, with its hyper-parameters, and how many contacts chose it.
     model: Model,
     chosen_by: usize,
@@ -114,6 +116,7 @@ impl Belief {
             covariance: last.covariance + motion(log),
             noise: usual_deviations(&log.noise),
             hand: Hand::Idealised,
+            table: None,
             model,
             chosen_by,
         })

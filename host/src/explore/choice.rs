@@ -49,12 +49,11 @@ pub(super) struct Choice {
 /// now, as far as is known.
 pub(super) fn candidates(
     belief: &Belief,
-    table: Option<f64>,
     settings: &Settings,
     done: &[Action],
     random: &mut Random,
 ) -> Vec<Placement> {
-    let mut all = offered(belief, table, settings, done, random);
+    let mut all = offered(belief, settings, done, random);
     let refused: Vec<&Action> = done.iter().filter(|a| a.refused.is_some()).collect();
     all.retain(|c| !refused.iter().any(|a| same(settings, &a.placement, c)));
     all
@@ -62,15 +61,14 @@ pub(super) fn candidates(
 
 fn offered(
     belief: &Belief,
-    table: Option<f64>,
     settings: &Settings,
     done: &[Action],
     random: &mut Random,
 ) -> Vec<Placement> {
     if let Hand::Articulated(hand) = &belief.hand {
         return match settings.candidates {
-            Candidates::Fixed | Candidates::Clusters(_) => approach::fixed(hand, belief, table),
-            Candidates::Continuous(count) => approach::drawn(hand, belief, table, count, random),
+            Candidates::Fixed | Candidates::Clusters(_) => approach::fixed(hand, belief),
+            Candidates::Continuous(count) => approach::drawn(hand, belief, count, random),
         };
     }
     match settings.candidates {

@@ -265,7 +265,7 @@ fn run(
             (None, None) => Belief::new(bench.log(), &steps)?,
             (Some(_), _) => Belief::new(bench.log(), &beside_each_other(bench.log(), &steps))?,
         };
-        belief.hand = bench.hand().clone();
+        (belief.hand, belief.table) = (bench.hand().clone(), bench.table());
         next.learning = start.elapsed().as_secs_f64();
         let truth = true_frame(bench, settings, &steps);
         let (known, enough) = judge(&belief, &truth);
@@ -302,7 +302,7 @@ fn run(
         let start = Instant::now();
         let decides = planned.is_empty();
         if decides {
-            let candidates = candidates(&belief, bench.table(), settings, &actions, &mut random);
+            let candidates = candidates(&belief, settings, &actions, &mut random);
             let mut choice = choose(&belief, &steps, settings, &candidates, &actions, &mut random);
             if let (Some(adviser), false) = (adviser.as_deref_mut(), choice.grasps.is_empty()) {
                 choice.grasps =

@@ -1,5 +1,6 @@
 //! The contacts that the fingertips of an articulated hand would give, by the belief: balls on their ways
-//! against the believed shape. What the inner links might run into is left to the trial.
+//! against the believed shape, as far as the table lets them. What the inner links might run into is left
+//! to the trial.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -28,12 +29,12 @@ pub struct Hit {
     pub along: f64,
 }
 
-/// What the fingertips meet, for each placement.
+/// What the fingertips meet on their ways, for each placement.
 pub(super) fn met(hand: &Articulated, belief: &Belief, placements: &[Placement]) -> Vec<Vec<Met>> {
     let one = |placement: &Placement| {
         let met = |path: &FingerPath| {
-            let path = placed(path.clone(), placement);
-            let hit = cast(&path, &belief.geometry)?;
+            let path = placed(path, placement);
+            let hit = felt(belief, &path)?;
             let left = (length(&path) - hit.along).min(belief.radius);
             let share = |k: usize| left * (k + 1) as f64 / DEPTHS as f64;
             let Hit { point, normal, along } = hit;
@@ -48,12 +49,32 @@ pub(super) fn met(hand: &Articulated, belief: &Belief, placements: &[Placement])
     placements.par_iter().map(one).collect()
 }
 
+/// How many fingertips meet the believed shape on their ways.
+pub(super) fn count(hand: &Articulated, belief: &Belief, placement: &Placement) -> usize {
+    let touches = |path: &&FingerPath| felt(belief, &placed(path, placement)).is_some();
+    hand.paths(placement.spread).iter().filter(touches).count()
+}
+
 /// The way in the object frame.
-fn placed(mut path: FingerPath, placement: &Placement) -> FingerPath {
-    for point in &mut path.points {
-        *point = (placement.hand * Point3::from(*point)).coords;
-    }
-    path
+fn placed(path: &FingerPath, placement: &Placement) -> FingerPath {
+    let place = |point: &Point| (placement.hand * Point3::from(*point)).coords;
+    FingerPath { points: path.points.iter().map(place).collect(), ..*path }
+}
+
+/// Where the fingertip touches the believed shape, unless the table stops it before.
+fn felt(belief: &Belief, path: &FingerPath) -> Option<Hit> {
+    let height = |point: &Point| (belief.pose * Point3::from(*point)).z;
+    let stopped = belief.table.and_then(|table| {
+        let mut along = 0.0;
+        for (i, point) in path.points.iter().enumerate() {
+            along += if i > 0 { (point - path.points[i - 1]).norm() } else { 0.0 };
+            if height(point) < table + path.radius {
+                return Some(along);
+            }
+        }
+        None
+    });
+    cast(path, &belief.geometry).filter(|hit| stopped.is_none_or(|along| hit.along <= along))
 }
 
 fn length(path: &FingerPath) -> f64 {

@@ -29,6 +29,10 @@ const UNREACHABLE: &str = "unreachable";
 /// a face, radians.
 const FLAT_HAND: f64 = 0.5;
 
+/// Deviation of the normal of what stands on a table from straight down, at a place that is not quite where
+/// it stands, radians.
+const STANDING: f64 = 0.2;
+
 /// An object on a bench. Who explores it sees the [`log`](Bench::log) alone, whose truth reaches no
 /// estimator.
 #[derive(Clone, Debug)]
@@ -137,7 +141,7 @@ impl Bench {
         let Geometry::Mesh(mesh) = &self.geometry else { return Err(Unreachable::NothingFelt) };
         let noise = &self.options.motion_noise;
         let give = if noise.length > 0.0 || noise.angle > 0.0 { REACTION } else { 0.0 };
-        let around = Surroundings { object: Some((mesh, pose)), table: self.table };
+        let around = Surroundings::new(Some((mesh, pose)), self.table);
         let closed = hand.close(placement, spread, &around, give);
         self.pose = pose;
         match closed {
@@ -166,7 +170,9 @@ impl Bench {
 
     /// Delimits the object by guarded moves with the flat hand (thesis figure 4.2): from every side, but
     /// from below where there is a table, until it touches, which moves nothing. The touches are one
-    /// grasp of the log, without fingers, their normals (those of the flat hand) marked as vague.
+    /// grasp of the log, without fingers, their normals (those of the flat hand) marked as vague; in space
+    /// with places where the flat hand met nothing ([`Probe::clear`]). What stands on a table touches it,
+    /// which is a contact more, marked as `from` the `table` ([`Probe::foot`]).
     ///
     /// # Errors
     /// When no move meets anything: [`Unreachable::NothingFelt`]. The log stays as it is then.
@@ -187,7 +193,17 @@ impl Bench {
         let mut contacts = self.sense(felt);
         contacts.iter_mut().for_each(|c| c.normal_noise = Some(FLAT_HAND));
         let found = found.sensed(contacts.iter().map(|c| c.point), self.table);
-        self.record(contacts, Vec::new(), None);
+        let spatial = self.log.dimension == 3;
+        let clear = if spatial { found.clear() } else { Vec::new() };
+        let free = clear.into_iter().map(|point| LoggedFree { point, ..LoggedFree::default() });
+        contacts.extend(self.table.map(|height| LoggedContact {
+            point: found.foot(height),
+            normal: Some(-Point::z()),
+            normal_noise: Some(STANDING),
+            unknown: [("from".to_owned(), Value::from("table"))].into_iter().collect(),
+            ..LoggedContact::default()
+        }));
+        self.record(contacts, free.collect(), None);
         Ok(found)
     }
 

@@ -8,12 +8,13 @@ use super::collision::{Near, Surroundings, links_near};
 use crate::shape::Mesh;
 use crate::space::{Point, Pose};
 
-/// A link nearer than this touches, metres.
-const TOUCHING: f64 = 4e-5;
-
 /// Steps of a closing at most. Fingers that still move then, along something they never touch, stay
 /// where they are.
 const MOST_STEPS: usize = 4000;
+
+/// A link that is further from the object than this by the ball around it is not looked at more closely,
+/// metres.
+const APART: f64 = 5e-3;
 
 /// How far a hand comes straight from, metres.
 pub const APPROACH: f64 = 0.1;
@@ -100,34 +101,30 @@ impl Articulated {
         length: f64,
         around: &Surroundings,
     ) -> (f64, Option<Unreachable>) {
-        let links = &self.model().links;
+        let (links, touching) = (&self.model().links, around.touching);
         let root = self.root(grasp);
         let poses = self.model().forward(&self.joints(spread, &[]));
         let poses: Vec<Pose> = poses.iter().map(|p| root * p).collect();
-        let at = |l: usize, along: f64| Translation3::from(along * direction) * poses[l];
-        let mut along = 0.0;
-        let mut started = false;
+        // Up to where each link is known to meet nothing: the one that is known the least far is looked at.
+        let mut clear = vec![0f64; links.len()];
         loop {
-            let left: f64 = length - along;
-            let mut step = left;
-            for (l, link) in links.iter().enumerate() {
-                let pose = at(l, along);
-                let above = self.sinking(around.above_table(link, &pose), direction);
-                if above <= TOUCHING {
-                    return (along, Some(Unreachable::MeetsTable { link: link.name.clone() }));
-                }
-                let near = around.object_near(link, &pose, step + TOUCHING);
-                let distance = near.map_or(f64::INFINITY, |n| n.distance);
-                if distance <= TOUCHING || !started && around.inside_object(link, &pose) {
-                    return (along, Some(self.meeting(l)));
-                }
-                step = step.min(above).min(distance - 0.25 * TOUCHING);
+            let least = (0..links.len()).min_by(|a, b| clear[*a].total_cmp(&clear[*b]));
+            let Some(l) = least.filter(|l| clear[*l] < length) else { return (length, None) };
+            let (link, along) = (&links[l], clear[l]);
+            let pose = Translation3::from(along * direction) * poses[l];
+            let above = self.sinking(around.above_table(link, &pose), direction);
+            if above <= touching {
+                return (along, Some(Unreachable::MeetsTable { link: link.name.clone() }));
             }
-            started = true;
-            if left <= 0.0 {
-                return (length, None);
+            let mut distance = around.apart(link, &pose);
+            if distance <= APART {
+                let near = around.object_near(link, &pose, APART + touching);
+                distance = near.map_or(APART, |n| n.distance);
             }
-            along += step.max(0.25 * TOUCHING).min(left);
+            if distance <= touching || along == 0.0 && around.inside_object(link, &pose) {
+                return (along, Some(self.meeting(l)));
+            }
+            clear[l] = along + above.min(distance - 0.25 * touching).max(0.25 * touching);
         }
     }
 
@@ -149,6 +146,35 @@ impl Articulated {
         }
     }
 
+    /// How far above the height `table` the lowest point of the open hand at `grasp` is, metres; below zero
+    /// where it is in the table.
+    pub fn above(&self, grasp: &Pose, spread: f64, table: f64) -> f64 {
+        let root = self.root(grasp);
+        let around = Surroundings::new(None, Some(table));
+        let poses = self.model().forward(&self.joints(spread, &[]));
+        let links = self.model().links.iter().zip(poses);
+        links
+            .map(|(link, pose)| around.above_table(link, &(root * pose)))
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    /// Whether the arm is long enough for a pose of the grasp frame.
+    ///
+    /// # Errors
+    /// When it is not, or the pose is not finite.
+    pub fn within_reach(&self, grasp: &Pose) -> Result<(), Unreachable> {
+        let root = self.root(grasp);
+        if !root.translation.vector.iter().chain(root.rotation.coords.iter()).all(|x| x.is_finite())
+        {
+            return Err(Unreachable::NotFinite);
+        }
+        let distance = (root.translation.vector - self.arm.shoulder).norm();
+        if distance > self.arm.reach {
+            return Err(Unreachable::OutOfReach { distance, reach: self.arm.reach });
+        }
+        Ok(())
+    }
+
     /// Whether the open hand can be brought to `grasp` (grasp frame to world): within the arm's reach, and
     /// straight from [`APPROACH`] behind without meeting the object or the table.
     ///
@@ -160,15 +186,7 @@ impl Articulated {
         spread: f64,
         around: &Surroundings,
     ) -> Result<(), Unreachable> {
-        let root = self.root(grasp);
-        if !root.translation.vector.iter().chain(root.rotation.coords.iter()).all(|x| x.is_finite())
-        {
-            return Err(Unreachable::NotFinite);
-        }
-        let distance = (root.translation.vector - self.arm.shoulder).norm();
-        if distance > self.arm.reach {
-            return Err(Unreachable::OutOfReach { distance, reach: self.arm.reach });
-        }
+        self.within_reach(grasp)?;
         let back = grasp.rotation * Point::z();
         let from = Translation3::from(APPROACH * back) * grasp;
         match self.advance(&from, spread, &-back, APPROACH, around) {
@@ -284,12 +302,13 @@ impl Closing<'_> {
     fn look(&self, link: usize, poses: &[Pose], speeds: &[f64], most: f64) -> Result<f64, Met> {
         let links = &self.hand.model().links;
         let (body, pose, speed) = (&links[link], &poses[link], speeds[link]);
+        let touching = self.around.touching;
         let mut safe = most;
         let mut within = |distance: f64, speed: f64| {
-            safe = safe.min((distance - 0.25 * TOUCHING) / speed);
-            distance <= TOUCHING
+            safe = safe.min((distance - 0.25 * touching) / speed);
+            distance <= touching
         };
-        if let Some(near) = self.around.object_near(body, pose, most * speed + TOUCHING)
+        if let Some(near) = self.around.object_near(body, pose, most * speed + touching)
             && within(near.distance, speed)
         {
             return Err(Met::Object(near));
@@ -304,7 +323,7 @@ impl Closing<'_> {
             }
             let both = speed + speeds[other];
             let near =
-                links_near((body, pose), (&links[other], &poses[other]), most * both + TOUCHING);
+                links_near((body, pose), (&links[other], &poses[other]), most * both + touching);
             if near.is_some_and(|distance| within(distance, both)) {
                 return Err(Met::Other);
             }

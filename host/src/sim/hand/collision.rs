@@ -10,14 +10,20 @@ use crate::shape::Mesh;
 use crate::shape::mesh::parry;
 use crate::space::{Point, Pose};
 
+/// Nearer than this is contact where things are as they are, metres.
+const TOUCHING: f64 = 4e-5;
+
 /// What a hand can run into.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct Surroundings<'a> {
     /// The object, and where it is (object to world). Only a mesh's outside can be told from its inside,
     /// so that an object without inside (not watertight) is a shell.
     pub object: Option<(&'a Mesh, Pose)>,
     /// Height of the table's top, metres: all of the world with a smaller z is table.
     pub table: Option<f64>,
+    /// Nearer than this is contact, metres. Where the object is only believed to be there more is no
+    /// less true, and takes fewer steps.
+    pub touching: f64,
 }
 
 /// How near a link is to the object.
@@ -31,7 +37,12 @@ pub struct Near {
     pub normal: Point,
 }
 
-impl Surroundings<'_> {
+impl<'a> Surroundings<'a> {
+    /// Things as they are: contact is contact.
+    pub fn new(object: Option<(&'a Mesh, Pose)>, table: Option<f64>) -> Surroundings<'a> {
+        Surroundings { object, table, touching: TOUCHING }
+    }
+
     /// How near a link at `pose` (link to world) is to the object; `None` when it is further than
     /// `within` metres.
     pub fn object_near(&self, link: &Link, pose: &Pose, within: f64) -> Option<Near> {
@@ -61,6 +72,15 @@ impl Surroundings<'_> {
             }
         }
         nearest
+    }
+
+    /// How far a link at `pose` (link to world) is from the object at least, by the balls around its solids,
+    /// metres; may be below zero. Infinite without object or solids.
+    pub fn apart(&self, link: &Link, pose: &Pose) -> f64 {
+        let Some((mesh, object)) = self.object else { return f64::INFINITY };
+        let frame = object.inverse() * pose;
+        let balls = link.solids.iter().map(|s| ((frame * s.origin).translation.vector, s.radius));
+        balls.map(|(at, radius)| mesh.distance(&at) - radius).fold(f64::INFINITY, f64::min)
     }
 
     /// Whether a link lies within the object, at least its middle.

@@ -16,6 +16,12 @@ const TOUCHING: f64 = 4e-5;
 /// Between a flat hand on edge and the table, metres.
 const GAP: f64 = 1e-3;
 
+/// How far in front of what a flat hand touched, and how far beside the box it found, the places are that
+/// are known to be clear, metres; and how many of them there are along each side.
+const IN_FRONT: f64 = 3e-3;
+const BESIDE: f64 = 5e-3;
+const LATTICE: usize = 5;
+
 /// Half the thickness of a flat hand, metres: only its front touches.
 const HALF_THICKNESS: f64 = 1e-3;
 
@@ -54,11 +60,21 @@ pub struct Probe {
     pub high: Point,
     /// Guarded moves made.
     pub moves: usize,
+    /// Corners of the flat hand, likewise, where it touched.
+    plates: Plates,
 }
+
+/// Per axis and side, least and greatest corner of a flat hand.
+type Plates = [[Option<(Point, Point)>; 2]; 3];
 
 impl Probe {
     /// The box that the touches of `sides` delimit.
-    fn new(sides: [[Option<Point>; 2]; 3], table: Option<f64>, moves: usize) -> Probe {
+    fn new(
+        sides: [[Option<Point>; 2]; 3],
+        plates: Plates,
+        table: Option<f64>,
+        moves: usize,
+    ) -> Probe {
         let touched = || sides.iter().flatten().flatten();
         // A side that no move met ends where the other touches end.
         let end = |axis: usize, side: usize| {
@@ -71,7 +87,7 @@ impl Probe {
             }
         };
         let corner = |side: usize| Point::from_fn(|axis, _| end(axis, side));
-        Probe { sides, low: corner(0), high: corner(1), moves }
+        Probe { sides, low: corner(0), high: corner(1), moves, plates }
     }
 
     /// The same probing with its touches, in the order of [`Probe::touches`], as a sensor gives them.
@@ -84,7 +100,7 @@ impl Probe {
         for touch in sides.iter_mut().flatten().flatten() {
             *touch = points.next().unwrap_or(*touch);
         }
-        Probe::new(sides, table, self.moves)
+        Probe::new(sides, self.plates, table, self.moves)
     }
 
     /// The touches, each with the outward direction of its side.
@@ -94,6 +110,40 @@ impl Probe {
             self.sides[axis][side].map(|point| (point, outward))
         };
         (0..6).filter_map(move |k| of(k / 2, k % 2))
+    }
+
+    /// Places where the flat hand was and met nothing, 3 mm in front of each touch: 25 for every touch of a
+    /// spatial object.
+    pub fn clear(&self) -> Vec<Point> {
+        let mut clear = Vec::new();
+        for (axis, side) in (0..6).map(|k| (k / 2, k % 2)) {
+            let (Some(touch), Some(plate)) = (self.sides[axis][side], self.plates[axis][side])
+            else {
+                continue;
+            };
+            let front = touch[axis] + if side == 0 { -IN_FRONT } else { IN_FRONT };
+            let across = |a: usize, k: usize| {
+                let low = (self.low[a] - BESIDE).max(plate.0[a]);
+                let high = (self.high[a] + BESIDE).min(plate.1[a]);
+                low + (high - low) * (k as f64 + 0.5) / LATTICE as f64
+            };
+            clear.extend((0..LATTICE * LATTICE).map(|k| {
+                let mut place = Point::repeat(front);
+                let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+                (place[u], place[v]) = (across(u, k % LATTICE), across(v, k / LATTICE));
+                place
+            }));
+        }
+        clear
+    }
+
+    /// Where the object may be taken to stand on a table of this height: half-way between the middle of its
+    /// box and what was touched from above.
+    pub fn foot(&self, table: f64) -> Point {
+        let middle = (self.low + self.high) / 2.0;
+        let top = self.sides[2][1].unwrap_or(middle);
+        let foot = (middle + top) / 2.0;
+        Point::new(foot.x, foot.y, table)
     }
 }
 
@@ -105,7 +155,7 @@ pub(in crate::sim) fn probe(
     table: Option<f64>,
     plate: &Plate,
 ) -> Option<Probe> {
-    let mut sides = [[None; 2]; 3];
+    let (mut sides, mut plates) = ([[None; 2]; 3], [[None; 2]; 3]);
     let mut moves = 0;
     // What is known of the object's box, NaN where nothing is.
     let (mut low, mut high) = (Point::repeat(f64::NAN), Point::repeat(f64::NAN));
@@ -135,10 +185,11 @@ pub(in crate::sim) fn probe(
         let touch = guarded(geometry, object, &middle, &half, axis, sign, table);
         if let Some(point) = touch {
             sides[axis][side] = Some(point);
+            plates[axis][side] = Some((middle - half, middle + half));
             (if side == 0 { &mut low } else { &mut high })[axis] = point[axis];
         }
     }
-    sides.iter().flatten().any(Option::is_some).then(|| Probe::new(sides, table, moves))
+    sides.iter().flatten().any(Option::is_some).then(|| Probe::new(sides, plates, table, moves))
 }
 
 /// Where a plate that moves along an axis through the middle first touches the object.

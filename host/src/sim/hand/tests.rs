@@ -217,7 +217,7 @@ fn fingertips_feel_the_object_where_they_touch_it() {
     let mut felt = 0;
     for (k, spread) in SPREADS.into_iter().enumerate() {
         let at = Pose::new(Point::new(0.0, 0.0, 0.03), Point::new(0.0, 0.0, 0.2 * k as f64));
-        let around = Surroundings { object: Some((&object, at)), table: Some(0.0) };
+        let around = Surroundings::new(Some((&object, at)), Some(0.0));
         for roll in [0.0, 1.0, 2.5] {
             let high = from_above(Point::new(0.0, 0.0, 0.25), roll);
             let (along, stopped) = hand.advance(&high, spread, &-Point::z(), 0.4, &around);
@@ -262,7 +262,7 @@ fn every_finger_meets_a_box_that_fits_the_hand() {
     let hand = five();
     // As wide as the fingers side by side, and along that side; nothing below it keeps the thumb away.
     let object = mesh("box:0.1x0.06x0.06");
-    let around = Surroundings { object: Some((&object, Pose::identity())), table: None };
+    let around = Surroundings::new(Some((&object, Pose::identity())), None);
     let (mut felt, mut closings) = ([0; 5], 0);
     for spread in SPREADS {
         for askew in [-0.1, 0.0, 0.1] {
@@ -283,7 +283,7 @@ fn what_is_in_the_way_is_named() {
     let hand = five();
     let object = mesh("box:0.06x0.06x0.06");
     let at = Pose::translation(0.0, 0.0, 0.03);
-    let around = Surroundings { object: Some((&object, at)), table: Some(0.0) };
+    let around = Surroundings::new(Some((&object, at)), Some(0.0));
     let fits = |grasp: &Pose| hand.fits(grasp, 0.0, &around);
     assert_eq!(fits(&from_above(Point::new(0.0, 0.0, 0.2), 0.0)), Ok(()));
     // Without the table, which the thumb would meet before the palm comes so far.
@@ -304,7 +304,7 @@ fn what_is_in_the_way_is_named() {
     assert_eq!(fits(&from_above(Point::repeat(f64::NAN), 0.0)), Err(Unreachable::NotFinite));
     // A hand that starts within a large object is in it, although it meets no face.
     let large = mesh("box:2x2x2");
-    let around = Surroundings { object: Some((&large, Pose::identity())), table: None };
+    let around = Surroundings::new(Some((&large, Pose::identity())), None);
     assert!(hand.fits(&from_above(Point::zeros(), 0.0), 0.0, &around).is_err());
     let refused = hand.close(&from_above(Point::zeros(), 0.0), 0.0, &around, 1e-3).unwrap_err();
     assert!(!refused.to_string().is_empty());
@@ -314,7 +314,12 @@ fn what_is_in_the_way_is_named() {
 fn a_closing_on_nothing_leaves_every_fingertip_free() {
     let hand = five();
     let closed = hand
-        .close(&from_above(Point::new(0.0, 0.0, 0.3), 0.0), 0.5, &Surroundings::default(), 1e-3)
+        .close(
+            &from_above(Point::new(0.0, 0.0, 0.3), 0.0),
+            0.5,
+            &Surroundings::new(None, None),
+            1e-3,
+        )
         .unwrap();
     assert!(closed.touched.is_empty() && closed.object.is_none());
     assert_eq!(closed.free.len(), 5);
@@ -357,7 +362,7 @@ fn an_object_that_gives_way_is_still_felt_where_it_is() {
     let hand = five();
     let object = mesh("cylinder:0.06x0.08");
     let at = Pose::translation(0.01, 0.0, 0.04);
-    let around = Surroundings { object: Some((&object, at)), table: Some(0.0) };
+    let around = Surroundings::new(Some((&object, at)), Some(0.0));
     let high = from_above(Point::new(0.0, 0.0, 0.3), 0.3);
     let (along, _) = hand.advance(&high, 0.5, &-Point::z(), 0.29, &around);
     let grasp = Translation3::new(0.0, 0.0, 0.01 - along) * high;
@@ -389,7 +394,7 @@ fn a_gripper_of_sliding_fingers_closes_too() {
     let hand = Articulated::new(Model::parse(&text, "g", None).unwrap(), &[], "g").unwrap();
     assert_eq!(hand.roles(), [Role::Close(0.04, 0.0)]);
     let object = mesh("box:0.04x0.04x0.04");
-    let around = Surroundings { object: Some((&object, Pose::identity())), table: None };
+    let around = Surroundings::new(Some((&object, Pose::identity())), None);
     let high = from_above(Point::new(0.0, 0.0, 0.3), 0.0);
     let (along, _) = hand.advance(&high, 0.0, &-Point::z(), 0.3, &around);
     let grasp = Translation3::new(0.0, 0.0, 0.003 - along) * high;
@@ -408,11 +413,10 @@ fn a_hand_comes_straight_from_behind() {
     let clear = from_above(Point::new(0.0, 0.0, 0.3), 0.0);
     let (_, top) = hand.extents();
     let height = 0.3 + top.z + 0.006 + 0.5 * APPROACH;
-    let around =
-        Surroundings { object: Some((&roof, Pose::translation(0.0, 0.0, height))), table: None };
+    let around = Surroundings::new(Some((&roof, Pose::translation(0.0, 0.0, height))), None);
     assert!(hand.fits(&clear, 0.0, &around).is_err());
     let higher = Pose::translation(0.0, 0.0, height + APPROACH);
-    let around = Surroundings { object: Some((&roof, higher)), table: None };
+    let around = Surroundings::new(Some((&roof, higher)), None);
     assert_eq!(hand.fits(&clear, 0.0, &around), Ok(()));
 }
 
