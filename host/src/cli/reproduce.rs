@@ -430,7 +430,7 @@ fn explore_solids(args: &ReproduceArgs) -> Result<(), Error> {
     if args.name == hand {
         let rows = watch(args, solids::on_table::heading());
         let table = solids::on_table::run(object, seeds, rows).map_err(Error::input)?;
-        return conclude(args, &Outcome::new(hand, &table, None)?);
+        return conclude(args, &Outcome::pictured(hand, &table, table.picture())?);
     }
     let (name, moving) = if args.name == fixed { (fixed, None) } else { (moving, Some(tracker)) };
     let follows = |contender: &Contender| match contender {

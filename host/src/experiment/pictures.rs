@@ -530,6 +530,47 @@ impl solids::Table {
     }
 }
 
+impl solids::on_table::Table {
+    /// Actions until the surface is known over a table, how often that is reached and what is wrong of
+    /// what seems known, case by case.
+    ///
+    /// # Errors
+    /// When the picture cannot be made.
+    pub fn picture(&self) -> Result<Drawing, PictureError> {
+        use solids::on_table::Row;
+        let cases: Vec<String> =
+            self.rows.iter().map(|r| format!("{}: {}", r.object, r.criterion)).collect();
+        let panel = |title: &str, along: &str, series| Bars {
+            title: title.into(),
+            along: along.into(),
+            scale: Scale::Linear,
+            cases: cases.clone(),
+            series: vec![series],
+            references: Vec::new(),
+        };
+        let panels = [
+            panel(
+                "Actions until the surface is known",
+                "mean and its 95 % interval",
+                series("actions, probing included", &self.rows, |r: &Row| {
+                    mean((r.actions, r.plus_minus))
+                }),
+            ),
+            panel(
+                "Runs that get there",
+                "share of the runs, %, with Wilson's 95 % interval",
+                series("surface known", &self.rows, |r: &Row| Some(Interval::from(&r.reached))),
+            ),
+            panel(
+                "Greatest error of what seems known",
+                "mm: median and quartiles",
+                series("in the end", &self.rows, |r: &Row| of(r.wrong_mm)),
+            ),
+        ];
+        bars::render("Exploring with an articulated hand over a table", &panels)
+    }
+}
+
 impl planning::Table {
     /// Seconds, actions and decisions until the object is known, case by case.
     ///
@@ -617,10 +658,16 @@ mod tests {
             pose: Proportion { successes: 1, of: 10 },
             pose_mm: None,
             pose_deg: None,
+            possible: None,
             choosing_ms: None,
             action_ms: 1.0,
         };
-        let of = |tracker| solids::Table { tracker, rows: vec![row.clone()], skipped: Vec::new() };
+        let of = |tracker| solids::Table {
+            tracker,
+            rows: vec![row.clone()],
+            outlooks: Vec::new(),
+            skipped: Vec::new(),
+        };
         let fixed = of(None).picture().unwrap().svg();
         assert!(fixed.contains(">box:0.07: entropy</text>") && fixed.contains("15"));
         assert!(!fixed.contains("last pose"), "an object at rest has no pose to find");

@@ -234,14 +234,14 @@ impl Bench {
     /// has met it on its way there.
     pub fn close(&mut self, hand: &Pose, strokes: &[Stroke]) -> usize {
         self.pose = self.slipped();
-        let strokes: Vec<Stroke> = strokes.iter().map(|s| self.from_outside(hand, s)).collect();
+        let strokes: Vec<Stroke> = strokes.iter().map(|s| self.begun_outside(hand, s)).collect();
         let (felt, free) = feel(&self.geometry, &self.pose, hand, &strokes);
         let contacts = self.sense(felt);
         self.record(contacts, free, None)
     }
 
     /// The stroke, from so far out that it does not start in the object.
-    fn from_outside(&self, hand: &Pose, stroke: &Stroke) -> Stroke {
+    fn begun_outside(&self, hand: &Pose, stroke: &Stroke) -> Stroke {
         let start = (self.pose.inverse() * hand * Point3::from(stroke.start)).coords;
         let inside = match &self.geometry {
             Geometry::Outline(outline) => outline.contains(&start),

@@ -284,6 +284,6 @@ fn candidates(problem: &Problem, one: &Hypothesis) -> Vec<Face> {
             None => planes.push((support, face)),
         }
     }
-    planes.sort_by(|a, b| b.0.cmp(&a.0));
+    planes.sort_by_key(|plane| std::cmp::Reverse(plane.0));
     planes.into_iter().take(CUTS).map(|(_, face)| face).collect()
 }
