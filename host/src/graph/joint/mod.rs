@@ -46,6 +46,10 @@ const ENOUGH: usize = 8;
 /// Trajectories of a round body from which the smooth surface starts.
 const ROUND: usize = 2;
 
+/// Nats by which the surface from a round body's trajectory must be likelier than the one from the
+/// tracker's, which knows more than the surface does: of poses that are as likely, its own stand.
+const DECISIVE: f64 = 3.0;
+
 /// The log's steps corrected by faces where the object that they make is to be believed
 /// ([`choose::judge`]), else by the smooth surface of least cost, whether it starts from the tracker's
 /// poses, from those of the faces or from those of a round body. `None` where the tracker's poses stand.
@@ -62,12 +66,28 @@ pub fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
     if flat.as_ref().is_some_and(believed) {
         return flat;
     }
+    let starts: Vec<&[Step]> =
+        std::iter::once(steps).chain(flat.as_ref().map(|f| &f.steps[..])).collect();
+    let near = surface::smooth(log, &starts);
     let round = round_bodies(log, steps.first());
-    let starts: Vec<&[Step]> = std::iter::once(steps)
-        .chain(flat.as_ref().map(|f| &f.steps[..]))
-        .chain(round.iter().map(|steps| &steps[..]))
-        .collect();
-    surface::smooth(log, &starts).or(flat)
+    let far = (!round.is_empty())
+        .then(|| surface::smooth(log, &round.iter().map(|s| &s[..]).collect::<Vec<_>>()))
+        .flatten();
+    match (near, far) {
+        (Some(near), Some(far)) if far.cost < near.cost - DECISIVE => Some(told(far, steps)),
+        (Some(near), _) => Some(near),
+        (None, far) => far.map(|far| told(far, steps)).or(flat),
+    }
+}
+
+/// With what the tracker said of each grasp but for its pose.
+fn told(corrected: Corrected, steps: &[Step]) -> Corrected {
+    let told = corrected.steps.into_iter().zip(steps);
+    let steps = told.map(|(corrected, step)| {
+        let Step { pose, covariance, .. } = corrected;
+        Step { pose, covariance, ..step.clone() }
+    });
+    Corrected { steps: steps.collect(), ..corrected }
 }
 
 /// The likeliest trajectories of a round body, from the first step's pose.

@@ -63,7 +63,7 @@ struct Hypothesis {
 /// pose if there is one; none for longer logs than would be quick, or where a number is not finite.
 pub fn trajectories<const D: usize>(problem: &Problem, first: Option<Pose>) -> Vec<Vec<Pose>> {
     let most = [problem.grasps(), problem.felt.len()];
-    if most.iter().zip(MOST).any(|(have, most)| *have > most) || problem.of(0).is_empty() {
+    if most.iter().zip(MOST).any(|(have, most)| *have > most) || problem.grasps() == 0 {
         return Vec::new();
     }
     let Some(start) = begin(problem, first) else { return Vec::new() };

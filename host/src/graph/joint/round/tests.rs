@@ -45,9 +45,9 @@ fn an_ellipse_is_followed_through_slips() {
 #[test]
 fn a_cylinder_is_followed_through_slips() {
     let judgement = judged(&slipping("cylinder:0.06x0.1", 9, 31, 0.0));
-    // Along the axis and about it, sides say nothing.
-    assert!(judgement.rms.rotation < 0.2, "{judgement:?}");
-    assert!(judgement.contacts < 3e-3, "{judgement:?}");
+    // Along the axis and about it, sides say nothing; where nobody felt an end, neither does the shape.
+    assert!(judgement.rms.rotation < 0.1, "{judgement:?}");
+    assert!(judgement.touched.unwrap().mean < 1.5e-3, "{judgement:?}");
 }
 
 #[test]
