@@ -567,8 +567,8 @@ mod firmware {
         static mut SPATIAL: SpatialTracker = SpatialTracker::new(Gpis::new());
         static mut PLANAR_HYPOTHESES: PlanarHypotheses = PlanarHypotheses::new();
         static mut SPATIAL_HYPOTHESES: SpatialHypotheses = SpatialHypotheses::new();
-        static mut WRENCH: WrenchEstimator = WrenchEstimator::new();
-        static mut ELECTRODES: ElectrodeEstimator = ElectrodeEstimator::new();
+        static mut SENSORS: (WrenchEstimator, ElectrodeEstimator) =
+            (WrenchEstimator::new(), ElectrodeEstimator::new());
         static mut FINGERTIP: Fingers<Spatial, 1> = Fingers::new();
         let board = Selected::start();
         let counter = Counter::new();
@@ -579,7 +579,7 @@ mod firmware {
         follow::<Planar, _>(&counter, "planar hypotheses", PLANAR_HYPOTHESES);
         follow::<Spatial, _>(&counter, "spatial hypotheses", SPATIAL_HYPOTHESES);
         drivers(&counter);
-        estimators(&counter, WRENCH, ELECTRODES);
+        estimators(&counter, &mut SENSORS.0, &mut SENSORS.1);
         hand(&counter, board, FINGERTIP);
         loop {
             debug::exit(debug::EXIT_SUCCESS);

@@ -32,6 +32,9 @@ pub(super) fn label(value: f64) -> String {
     if value.abs() >= 1e5 {
         return format!("{value:.1e}");
     }
+    if value != 0.0 && value.abs() < 1e-3 {
+        return format!("{value:.0e}").replace('-', "−");
+    }
     let text = format!("{:.3}", value.abs());
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if value < 0.0 && text != "0" { format!("−{text}") } else { text.into() }
@@ -153,5 +156,6 @@ mod tests {
         assert_eq!(label(-0.0), "0");
         assert_eq!(label(120.0), "120");
         assert_eq!(label(2.5e12), "2.5e12");
+        assert_eq!(label(-2e-6), "−2e−6");
     }
 }
