@@ -4,7 +4,7 @@
 #[cfg(target_os = "none")]
 use core::ptr;
 
-/// The 32-bit registers of a peripheral, each by its offset in bytes. A board has [`Registers`], a
+/// The 32-bit registers of a peripheral, each by its offset in bytes. A board has `Registers`, a
 /// test an imitation.
 pub trait Block {
     /// The register's value.
