@@ -403,7 +403,7 @@ proptest! {
         let (a, b) = (fit(&[0, 1, 2, 3, 4, 5]), fit(&[5, 0, 4, 2, 1, 3]));
         prop_assert!((a.normal - b.normal).norm() < 2e-3, "{:?} {:?}", a, b);
         prop_assert!((a.centroid - b.centroid).norm() < 1e-6);
-        prop_assert!((a.scatter.at(0, 0) / b.scatter.at(0, 0) - 1.0).abs() < 0.03);
+        prop_assert!((a.scatter.at(0, 0) / b.scatter.at(0, 0) - 1.0).abs() < 0.06);
         // Least squares: slope from places, heights and normals together.
         let mean_x: f32 = (0..6).map(|i| 0.012 * i as f32 - 0.03).sum::<f32>() / 6.0;
         let mean_h: f32 = heights.iter().sum::<f32>() / 6.0;
