@@ -429,7 +429,7 @@ impl fmt::Display for Numbers {
             let object: String = line.object.chars().take(28).collect();
             write!(
                 f,
-                "\n  {object:<30}{:<13}{:>11}{:>6}  {:<22}{:<20}{:<22}{:<22}{:<14}{:.0} %",
+                "\n  {object:<29} {:<13}{:>11}{:>6}  {:<22}{:<20}{:<22}{:<22}{:<14}{:.0} %",
                 line.method,
                 line.at.map_or("–".to_owned(), |at| at.to_string()),
                 line.runs,
