@@ -97,8 +97,7 @@ impl Contender {
     pub fn all() -> impl Iterator<Item = Contender> {
         let trackers = Kind::value_variants().iter().map(|kind| Contender::Tracker(*kind));
         let baselines = Baseline::ALL.into_iter().map(Contender::Baseline);
-        let given =
-            [Contender::Oracle, Contender::Batch, Contender::Bound, Contender::Odometry];
+        let given = [Contender::Oracle, Contender::Batch, Contender::Bound, Contender::Odometry];
         given.into_iter().chain(trackers).chain(baselines)
     }
 
@@ -349,8 +348,9 @@ impl Followed {
         steps: Vec<Step>,
     ) -> Followed {
         let found = match contender {
-            Contender::Batch => graph::joint::refine(log, &steps)
-                .map(|found| graph::Corrected::jointly(log, found)),
+            Contender::Batch => {
+                graph::joint::refine(log, &steps).map(|found| graph::Corrected::jointly(log, found))
+            }
             Contender::Tracker(_) | Contender::Baseline(_) => graph.correct(log, &steps),
             Contender::Oracle | Contender::Bound | Contender::Odometry => None,
         };

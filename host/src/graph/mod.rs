@@ -30,9 +30,7 @@ impl Kind {
     /// The log's steps corrected; `None` where they stand.
     pub fn correct(self, log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
         match self {
-            Kind::Planes => {
-                Some(Corrected::jointly(log, joint::correct(log, steps)?))
-            }
+            Kind::Planes => Some(Corrected::jointly(log, joint::correct(log, steps)?)),
             Kind::Pairwise => {
                 let found = pairwise::correct(log, steps)?;
                 let relative = found.relative();

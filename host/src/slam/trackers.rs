@@ -187,21 +187,30 @@ fn expect_curved<
     motion: MotionNoise,
 ) {
     tracker.map_mut().configure(KERNEL, P::UNSET, Training::Normals);
-    tracker.configure(curved::Settings { motion, ..curved::Settings::DEFAULT });
+    // In space a round costs six times as much, and neither more of them nor hypotheses that far behind
+    // found more.
+    let (prune, rounds) = if S::DIMENSION == 2 { (10.0, 3) } else { (5.0, 1) };
+    tracker.configure(curved::Settings { motion, prune, rounds, ..curved::Settings::DEFAULT });
 }
+
+/// Most contacts of a grasp that the curved tracker can wait with.
+const FELT: usize = 16;
+
+/// Flat faces, and curved where they do not foretell what is felt.
+type EitherWay<S, A, B> = Automatic<S, A, B, REVISED, FELT>;
 
 /// An object of which nobody knows whether it is curved.
 fn automatic(dimension: usize, motion: MotionNoise) -> Follower {
     let faces = hypotheses::Settings { motion, ..hypotheses::Settings::DEFAULT };
     if dimension == 2 {
         let mut tracker =
-            Box::new(Automatic::new(PlanarHypotheses::new(), PlanarCurved::new(Gpis::new())));
+            Box::new(EitherWay::new(PlanarHypotheses::new(), PlanarCurved::new(Gpis::new())));
         tracker.first_mut().configure(faces);
         expect_curved(tracker.second_mut(), motion);
         Follower::new(tracker)
     } else {
         let mut tracker =
-            Box::new(Automatic::new(SpatialHypotheses::new(), SpatialCurved::new(Gpis::new())));
+            Box::new(EitherWay::new(SpatialHypotheses::new(), SpatialCurved::new(Gpis::new())));
         tracker.first_mut().configure(faces);
         expect_curved(tracker.second_mut(), motion);
         Follower::new(tracker)
