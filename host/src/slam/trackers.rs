@@ -187,10 +187,10 @@ fn expect_curved<
     motion: MotionNoise,
 ) {
     tracker.map_mut().configure(KERNEL, P::UNSET, Training::Normals);
-    // In space a round costs six times as much, and neither more of them nor hypotheses that far behind
-    // found more.
-    let (prune, rounds) = if S::DIMENSION == 2 { (10.0, 3) } else { (5.0, 1) };
-    tracker.configure(curved::Settings { motion, prune, rounds, ..curved::Settings::DEFAULT });
+    // In space a round costs several times as much, and more than one found no more.
+    let usual = curved::Settings::DEFAULT;
+    let rounds = if S::DIMENSION == 2 { usual.rounds } else { 1 };
+    tracker.configure(curved::Settings { motion, rounds, ..usual });
 }
 
 /// Most contacts of a grasp that the curved tracker can wait with.
