@@ -103,6 +103,8 @@ pub struct Automatic<S: Space, A, B, const GRASPS: usize, const CONTACTS: usize>
     learning: Learning,
     held: Held<S, GRASPS, CONTACTS>,
     patience: Patience,
+    /// Evidence of the second over the first when both learnt last, nats.
+    ahead: f32,
 }
 
 impl<S: Space, A, B, const GRASPS: usize, const CONTACTS: usize>
@@ -124,6 +126,7 @@ impl<S: Space, A, B, const GRASPS: usize, const CONTACTS: usize>
             learning: Learning::FirstUntilItFails,
             held: Held::new(),
             patience: Patience::new(),
+            ahead: 0.0,
         }
     }
 
@@ -135,6 +138,12 @@ impl<S: Space, A, B, const GRASPS: usize, const CONTACTS: usize>
     /// Who learns the next grasp.
     pub fn learning(&self) -> Learning {
         self.learning
+    }
+
+    /// Evidence of the second model over the first after the last grasp that both learnt, nats; zero
+    /// before.
+    pub fn advantage(&self) -> f32 {
+        self.ahead
     }
 
     /// The first tracker.
@@ -164,14 +173,6 @@ where
     A: Evidence<S>,
     B: Evidence<S>,
 {
-    /// Evidence of the second model over the first, nats; zero while or where only one learns.
-    pub fn advantage(&self) -> f32 {
-        match self.learning {
-            Learning::Both => self.second.evidence() - self.first.evidence(),
-            _ => 0.0,
-        }
-    }
-
     /// One grasp for the first while the second waits.
     fn alone(&mut self, motion: Option<&S::Pose>, grasp: GraspView<'_, S>) -> Estimate<S> {
         let before = self.first.evidence();
@@ -194,7 +195,8 @@ where
 
     /// What the one says that is meant; and who will go on.
     fn heard(&mut self, first: Estimate<S>, second: Estimate<S>) -> Estimate<S> {
-        let ahead = self.advantage();
+        let ahead = self.second.evidence() - self.first.evidence();
+        self.ahead = ahead;
         match self.meant {
             Meant::First if ahead > Self::MARGIN => self.meant = Meant::Second,
             Meant::Second if ahead < -Self::MARGIN => self.meant = Meant::First,
@@ -235,7 +237,7 @@ where
         self.second.reset(seed);
         (self.meant, self.learning) = (Meant::First, Learning::FirstUntilItFails);
         self.held.clear();
-        self.patience = Patience::new();
+        (self.patience, self.ahead) = (Patience::new(), 0.0);
     }
 
     fn set_motion_noise(&mut self, noise: MotionNoise) {
