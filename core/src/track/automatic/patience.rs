@@ -9,8 +9,9 @@ use crate::track::{Estimate, Status, Tracker};
 /// had been known, and what is beyond that before patience ends.
 ///
 /// Of a motion that errs by ten times what contacts do, nearly half of this is the pose's own: six
-/// numbers of it in the fifteen of five contacts. Flat faces fall behind by 0.9 nats on flat objects and
-/// by 1.5 to 1.7 on round ones, at a quarter of that noise by 0.6 and 1.5.
+/// numbers of it in the fifteen of five contacts. In space flat faces fall behind by 0.9 nats on boxes and by
+/// 1.5 to 1.6 on ellipsoids, at a quarter of that noise by 0.7 and 1.5; by 1.2 on cylinders and on prisms
+/// with an L for a base.
 const ALLOWED: f32 = 1.25;
 const ENOUGH: f32 = 10.0;
 
