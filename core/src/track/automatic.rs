@@ -1,5 +1,4 @@
-//! Which model is meant: two trackers side by side on the same grasps, and the one that foretells them
-//! better speaks.
+//! Which model is meant: two trackers on the same grasps, and the one that foretells them better speaks.
 //!
 //! # The measurement density
 //!
@@ -25,10 +24,15 @@
 //! A model that holds several hypotheses gives the sum of their densities weighed by their
 //! weights before the grasp.
 
+mod patience;
+#[cfg(test)]
+mod tests;
+
 use crate::contact::{Contact, GraspView};
 use crate::math;
 use crate::space::Space;
 use crate::track::{Estimate, MotionNoise, Tracker};
+use patience::{Held, Patience};
 
 /// The length along a surface's normal over which a wild contact may lie, metres.
 pub const REACH: f32 = 0.12;
@@ -66,32 +70,80 @@ pub enum Meant {
     Second,
 }
 
-/// Two trackers side by side. Both learn every grasp; the estimate is that of the one whose evidence is
-/// higher, where the other must be ahead by [`Self::MARGIN`] nats before it is heard. Nothing restarts: each
-/// has its own poses from the beginning, about the same object frame, since both fix it at the
-/// centroid of the first contacts.
+/// Who learns the grasps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Learning {
+    /// The first; what the second has to learn is kept.
+    #[default]
+    FirstUntilItFails,
+    /// Both.
+    Both,
+    /// The first: the second is too far behind, or was never needed.
+    First,
+    /// The second: the first is too far behind.
+    Second,
+}
+
+/// Two trackers, of which the second waits until the first fails to foretell what is felt: most objects
+/// are of the first kind, and two trackers take the time of two.
+///
+/// While it waits, the last `GRASPS` grasps of at most `CONTACTS` contacts are kept for it, and once it is
+/// needed it learns them all. From then on both learn every grasp; the estimate is that of the one whose
+/// evidence is higher, where the other must be ahead by [`Self::MARGIN`] nats before it is heard. Nothing
+/// restarts: each has its own poses from the beginning, about the same object frame, since both fix it
+/// at the centroid of the first contacts. One that is [`Self::BEHIND`] learns no more, and nor does a
+/// second that was not needed for `GRASPS` grasps.
 ///
 /// [`recall`](Tracker::recall) answers with the trajectory of the model that is meant now.
 #[derive(Clone, Debug)]
-pub struct Automatic<A, B> {
+pub struct Automatic<S: Space, A, B, const GRASPS: usize, const CONTACTS: usize> {
     first: A,
     second: B,
     meant: Meant,
+    learning: Learning,
+    held: Held<S, GRASPS, CONTACTS>,
+    patience: Patience,
+    /// Evidence of the second over the first when both learnt last, nats.
+    ahead: f32,
 }
 
-impl<A, B> Automatic<A, B> {
+impl<S: Space, A, B, const GRASPS: usize, const CONTACTS: usize>
+    Automatic<S, A, B, GRASPS, CONTACTS>
+{
     /// Nats (a Bayes factor of twenty: "strong", Kass & Raftery 1995) by which the other model must
     /// be ahead.
     pub const MARGIN: f32 = 3.0;
 
+    /// Nats that no model makes good again.
+    pub const BEHIND: f32 = 50.0;
+
     /// `first` speaks until `second` is ahead.
     pub const fn new(first: A, second: B) -> Self {
-        Automatic { first, second, meant: Meant::First }
+        Automatic {
+            first,
+            second,
+            meant: Meant::First,
+            learning: Learning::FirstUntilItFails,
+            held: Held::new(),
+            patience: Patience::new(),
+            ahead: 0.0,
+        }
     }
 
     /// Which model is meant.
     pub fn meant(&self) -> Meant {
         self.meant
+    }
+
+    /// Who learns the next grasp.
+    pub fn learning(&self) -> Learning {
+        self.learning
+    }
+
+    /// Evidence of the second model over the first after the last grasp that both learnt, nats; zero
+    /// before.
+    pub fn advantage(&self) -> f32 {
+        self.ahead
     }
 
     /// The first tracker.
@@ -113,37 +165,79 @@ impl<A, B> Automatic<A, B> {
     pub fn second_mut(&mut self) -> &mut B {
         &mut self.second
     }
-
-    /// Evidence of the second model over the first, nats.
-    pub fn advantage<S: Space>(&self) -> f32
-    where
-        A: Evidence<S>,
-        B: Evidence<S>,
-    {
-        self.second.evidence() - self.first.evidence()
-    }
 }
 
-impl<S: Space, A: Evidence<S>, B: Evidence<S>> Tracker<S> for Automatic<A, B> {
-    fn update(&mut self, motion: Option<&S::Pose>, grasp: GraspView<'_, S>) -> Estimate<S> {
+impl<S, A, B, const GRASPS: usize, const CONTACTS: usize> Automatic<S, A, B, GRASPS, CONTACTS>
+where
+    S: Space,
+    A: Evidence<S>,
+    B: Evidence<S>,
+{
+    /// One grasp for the first while the second waits.
+    fn alone(&mut self, motion: Option<&S::Pose>, grasp: GraspView<'_, S>) -> Estimate<S> {
+        let before = self.first.evidence();
         let first = self.first.update(motion, grasp);
-        let second = self.second.update(motion, grasp);
-        let ahead = self.advantage::<S>();
+        let room = self.held.push(motion, &grasp);
+        if self.patience.is_over(&first, &grasp, self.first.evidence() - before) || !room {
+            let mut second = self.held.learnt(&mut self.second);
+            if !room {
+                second = Some(self.second.update(motion, grasp));
+            }
+            self.learning = Learning::Both;
+            return self.heard(first, second.unwrap_or(first));
+        }
+        if self.held.is_full() {
+            self.held.clear();
+            self.learning = Learning::First;
+        }
+        first
+    }
+
+    /// What the one says that is meant; and who will go on.
+    fn heard(&mut self, first: Estimate<S>, second: Estimate<S>) -> Estimate<S> {
+        let ahead = self.second.evidence() - self.first.evidence();
+        self.ahead = ahead;
         match self.meant {
             Meant::First if ahead > Self::MARGIN => self.meant = Meant::Second,
             Meant::Second if ahead < -Self::MARGIN => self.meant = Meant::First,
             _ => {}
+        }
+        if ahead.abs() > Self::BEHIND {
+            self.learning = if ahead > 0.0 { Learning::Second } else { Learning::First };
         }
         match self.meant {
             Meant::First => first,
             Meant::Second => second,
         }
     }
+}
+
+impl<S, A, B, const GRASPS: usize, const CONTACTS: usize> Tracker<S>
+    for Automatic<S, A, B, GRASPS, CONTACTS>
+where
+    S: Space,
+    A: Evidence<S>,
+    B: Evidence<S>,
+{
+    fn update(&mut self, motion: Option<&S::Pose>, grasp: GraspView<'_, S>) -> Estimate<S> {
+        match self.learning {
+            Learning::FirstUntilItFails => self.alone(motion, grasp),
+            Learning::First => self.first.update(motion, grasp),
+            Learning::Second => self.second.update(motion, grasp),
+            Learning::Both => {
+                let first = self.first.update(motion, grasp);
+                let second = self.second.update(motion, grasp);
+                self.heard(first, second)
+            }
+        }
+    }
 
     fn reset(&mut self, seed: u64) {
         self.first.reset(seed);
         self.second.reset(seed);
-        self.meant = Meant::First;
+        (self.meant, self.learning) = (Meant::First, Learning::FirstUntilItFails);
+        self.held.clear();
+        (self.patience, self.ahead) = (Patience::new(), 0.0);
     }
 
     fn set_motion_noise(&mut self, noise: MotionNoise) {
@@ -159,7 +253,13 @@ impl<S: Space, A: Evidence<S>, B: Evidence<S>> Tracker<S> for Automatic<A, B> {
     }
 }
 
-impl<S: Space, A: Evidence<S>, B: Evidence<S>> Evidence<S> for Automatic<A, B> {
+impl<S, A, B, const GRASPS: usize, const CONTACTS: usize> Evidence<S>
+    for Automatic<S, A, B, GRASPS, CONTACTS>
+where
+    S: Space,
+    A: Evidence<S>,
+    B: Evidence<S>,
+{
     /// Of the model that is meant.
     fn evidence(&self) -> f32 {
         match self.meant {

@@ -11,7 +11,7 @@ pub mod observability;
 pub mod particles;
 pub mod rao_blackwell;
 
-pub use automatic::{Automatic, Evidence, Meant};
+pub use automatic::{Automatic, Evidence, Learning, Meant};
 pub use bootstrap::{Bootstrap, Gate, Settings};
 pub use curved::Curved;
 pub use hypotheses::Hypotheses;

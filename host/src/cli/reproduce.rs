@@ -79,8 +79,8 @@ struct PartArgs {
     #[arg(long, value_name = "N", value_delimiter = ',',
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1024))]
     contacts: Vec<usize>,
-    /// Of tracking and mujoco: only these trackers; oracle (true poses) and odometry (none but the hand's)
-    /// too; of table-4.3 and solids-moving: this one instead of those that suit the objects
+    /// Of tracking and mujoco: only these trackers; oracle (true poses), batch (the joint graph from those), bound
+    /// and odometry (none but the hand's) too; of table-4.3 and solids-moving: this one instead of those that suit the objects
     #[arg(long, value_name = "TRACKER")]
     tracker: Vec<Contender>,
     /// Of tracking, mujoco and table-4.3: what corrects the trackers' poses afterwards [default: none, of

@@ -58,6 +58,9 @@ pub fn full_noise(dimension: usize) -> Deviation {
 pub enum Contender {
     /// The true poses: what the shape model alone leaves to be wished for.
     Oracle,
+    /// The joint graph from the true poses: what the likeliest poses and surface leave to be wished for
+    /// where nothing was ever taken for something else.
+    Batch,
     /// Draws from what an estimator could know that was told the faces: what grasps cannot feel.
     Bound,
     /// The intended motions one after the other: what there is without touch.
@@ -94,7 +97,7 @@ impl Contender {
     pub fn all() -> impl Iterator<Item = Contender> {
         let trackers = Kind::value_variants().iter().map(|kind| Contender::Tracker(*kind));
         let baselines = Baseline::ALL.into_iter().map(Contender::Baseline);
-        let given = [Contender::Oracle, Contender::Bound, Contender::Odometry];
+        let given = [Contender::Oracle, Contender::Batch, Contender::Bound, Contender::Odometry];
         given.into_iter().chain(trackers).chain(baselines)
     }
 
@@ -102,6 +105,7 @@ impl Contender {
     pub fn name(self) -> &'static str {
         match self {
             Contender::Oracle => "oracle",
+            Contender::Batch => "batch",
             Contender::Bound => "bound",
             Contender::Odometry => "odometry",
             Contender::Tracker(kind) => kind.name(),
@@ -110,10 +114,10 @@ impl Contender {
     }
 
     /// One step per grasp; none where the oracle has no true poses, and none of the bound, which has to
-    /// be told the object ([`bound::follow`]).
+    /// be told the object ([`bound::follow`]). The batch's are the true poses, to start from.
     pub fn follow(self, log: &GraspLog, seed: u64) -> Vec<Step> {
         match self {
-            Contender::Oracle => truth(log).unwrap_or_default(),
+            Contender::Oracle | Contender::Batch => truth(log).unwrap_or_default(),
             Contender::Bound => Vec::new(),
             Contender::Odometry => odometry(log),
             Contender::Tracker(kind) => kind.follow(log, seed),
@@ -283,8 +287,7 @@ fn compare(
             (Contender::Bound, Some(faces)) => bound::follow(log, faces, seed),
             _ => contender.follow(log, seed),
         };
-        let graph = if contender.is_tracker() { selection.graph } else { graph::Kind::None };
-        Followed::corrected(graph, log, steps)
+        Followed::after(contender, selection.graph, log, steps)
     };
     let runs = runs(&options, truth, selection.range(), &follow)?;
     let judged: Vec<Judgement> = runs.iter().filter_map(|r| r.judgement).collect();
@@ -334,7 +337,29 @@ impl From<Vec<Step>> for Followed {
 impl Followed {
     /// A tracker's steps after the graph.
     pub(super) fn corrected(graph: graph::Kind, log: &GraspLog, steps: Vec<Step>) -> Followed {
-        match graph.correct(log, &steps) {
+        Followed::instead(graph.correct(log, &steps), steps)
+    }
+
+    /// A contender's steps: a tracker's after the graph, and the batch's, which is one.
+    pub(super) fn after(
+        contender: Contender,
+        graph: graph::Kind,
+        log: &GraspLog,
+        steps: Vec<Step>,
+    ) -> Followed {
+        let found = match contender {
+            Contender::Batch => {
+                graph::joint::refine(log, &steps).map(|found| graph::Corrected::jointly(log, found))
+            }
+            Contender::Tracker(_) | Contender::Baseline(_) => graph.correct(log, &steps),
+            Contender::Oracle | Contender::Bound | Contender::Odometry => None,
+        };
+        Followed::instead(found, steps)
+    }
+
+    /// What was found, else the steps as they are.
+    fn instead(found: Option<graph::Corrected>, steps: Vec<Step>) -> Followed {
+        match found {
             Some(found) => Followed { steps: found.relative, faces: found.faces },
             None => steps.into(),
         }

@@ -30,11 +30,7 @@ impl Kind {
     /// The log's steps corrected; `None` where they stand.
     pub fn correct(self, log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
         match self {
-            Kind::Planes => {
-                let found = joint::correct(log, steps)?;
-                let (relative, faces) = (found.relative(), found.shape(log));
-                Some(Corrected { steps: found.steps, relative, faces })
-            }
+            Kind::Planes => Some(Corrected::jointly(log, joint::correct(log, steps)?)),
             Kind::Pairwise => {
                 let found = pairwise::correct(log, steps)?;
                 let relative = found.relative();
@@ -55,4 +51,12 @@ pub struct Corrected {
     /// The faces that were estimated with the poses, where the object has any; with the contacts of the
     /// log at `relative` ([`crate::slam::reconstruct::reconstruct_known`]).
     pub faces: Option<Faces>,
+}
+
+impl Corrected {
+    /// What the joint graph found of the log.
+    pub fn jointly(log: &GraspLog, found: joint::Corrected) -> Corrected {
+        let (relative, faces) = (found.relative(), found.shape(log));
+        Corrected { steps: found.steps, relative, faces }
+    }
 }

@@ -187,21 +187,30 @@ fn expect_curved<
     motion: MotionNoise,
 ) {
     tracker.map_mut().configure(KERNEL, P::UNSET, Training::Normals);
-    tracker.configure(curved::Settings { motion, ..curved::Settings::DEFAULT });
+    // In space a round costs several times as much, and more than one found no more.
+    let usual = curved::Settings::DEFAULT;
+    let rounds = if S::DIMENSION == 2 { usual.rounds } else { 1 };
+    tracker.configure(curved::Settings { motion, rounds, ..usual });
 }
+
+/// Most contacts of a grasp that the curved tracker can wait with.
+const FELT: usize = 16;
+
+/// Flat faces, and curved where they do not foretell what is felt.
+type EitherWay<S, A, B> = Automatic<S, A, B, REVISED, FELT>;
 
 /// An object of which nobody knows whether it is curved.
 fn automatic(dimension: usize, motion: MotionNoise) -> Follower {
     let faces = hypotheses::Settings { motion, ..hypotheses::Settings::DEFAULT };
     if dimension == 2 {
         let mut tracker =
-            Box::new(Automatic::new(PlanarHypotheses::new(), PlanarCurved::new(Gpis::new())));
+            Box::new(EitherWay::new(PlanarHypotheses::new(), PlanarCurved::new(Gpis::new())));
         tracker.first_mut().configure(faces);
         expect_curved(tracker.second_mut(), motion);
         Follower::new(tracker)
     } else {
         let mut tracker =
-            Box::new(Automatic::new(SpatialHypotheses::new(), SpatialCurved::new(Gpis::new())));
+            Box::new(EitherWay::new(SpatialHypotheses::new(), SpatialCurved::new(Gpis::new())));
         tracker.first_mut().configure(faces);
         expect_curved(tracker.second_mut(), motion);
         Follower::new(tracker)

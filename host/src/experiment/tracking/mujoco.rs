@@ -167,8 +167,7 @@ fn follow(recording: &Recording, contender: Contender, selection: &Selection) ->
     let one = |seed| {
         let start = Instant::now();
         let steps = contender.follow(log, seed);
-        let kind = if contender.is_tracker() { selection.graph } else { graph::Kind::None };
-        let followed = Followed::corrected(kind, log, steps);
+        let followed = Followed::after(contender, selection.graph, log, steps);
         let milliseconds = 1e3 * start.elapsed().as_secs_f64() / log.grasps.len().max(1) as f64;
         Some((followed.judged(log, truth)?, milliseconds))
     };

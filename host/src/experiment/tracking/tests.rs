@@ -128,7 +128,26 @@ fn names_choose_objects_and_contenders() {
     }
     let error = "best".parse::<Contender>().unwrap_err().to_string();
     assert!(
-        error.contains("\"best\"") && error.contains("oracle, bound, odometry, bootstrap"),
+        error.contains("\"best\"") && error.contains("oracle, batch, bound, odometry, bootstrap"),
         "{error}"
     );
+}
+
+#[test]
+fn the_batch_starts_from_the_truth_and_knows_no_more_than_was_felt() {
+    let last = |object: &str, contender: Contender| {
+        let judged = (0..3).map(|seed| {
+            let Simulation { log, geometry, .. } = simulation(object, seed);
+            let steps = contender.follow(&log, seed);
+            let followed = Followed::after(contender, crate::graph::Kind::None, &log, steps);
+            followed.judged(&log, &Truth::new(geometry)).unwrap()
+        });
+        let judged: Vec<Judgement> = judged.collect();
+        assert!(judged.iter().all(|j| j.contacts < 1.2e-3), "{judged:?}");
+        judged.iter().map(|j| j.last.translation).fold(0.0, f64::max)
+    };
+    assert!(last("hexagon:0.045", Contender::Batch) < 3e-3);
+    // How far a long rectangle slid along its sides nobody felt.
+    assert!(last("rectangle:0.3x0.06", Contender::Batch) > 6e-3);
+    assert!(last("rectangle:0.3x0.06", Contender::Oracle) < 1e-3);
 }

@@ -54,10 +54,21 @@ const DECISIVE: f64 = 3.0;
 /// ([`choose::judge`]), else by the smooth surface of least cost, whether it starts from the tracker's
 /// poses, from those of the faces or from those of a round body. `None` where the tracker's poses stand.
 pub fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
+    corrected(log, steps, Effort::default())
+}
+
+/// The same without another trajectory than that of `steps`, and without grasps tried elsewhere: what is
+/// likeliest near them. From the true poses it is what an estimator leaves that is never wrong about
+/// which contact lies where.
+pub fn refine(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
+    corrected(log, steps, Effort { restarts: false, retrack: false, ..Effort::default() })
+}
+
+fn corrected(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected> {
     if log.grasps.len() < ENOUGH {
         return None;
     }
-    let flat = planes(log, &[steps], Effort::default());
+    let flat = planes(log, &[steps], effort);
     let believed = |flat: &Corrected| {
         let contacts = place(log, &flat.relative());
         let contacts: Vec<Contact> = contacts.into_iter().map(|p| p.contact).collect();
@@ -69,7 +80,7 @@ pub fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
     let starts: Vec<&[Step]> =
         std::iter::once(steps).chain(flat.as_ref().map(|f| &f.steps[..])).collect();
     let near = surface::smooth(log, &starts);
-    let round = round_bodies(log, steps.first());
+    let round = if effort.retrack { round_bodies(log, steps.first()) } else { Vec::new() };
     let far = (!round.is_empty())
         .then(|| surface::smooth(log, &round.iter().map(|s| &s[..]).collect::<Vec<_>>()))
         .flatten();
