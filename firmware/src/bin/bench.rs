@@ -19,8 +19,7 @@ mod firmware {
     use tactile_core::explore::{Candidate, Criterion, Stroke};
     use tactile_core::matrix::{Coordinates, Vector};
     use tactile_core::random::Random;
-    use tactile_core::space::{Planar, Spatial};
-    use tactile_core::space::{Pose, Space};
+    use tactile_core::space::{Planar, Pose, Space, Spatial};
     use tactile_core::surface::cholesky::packed;
     use tactile_core::surface::{Ball, Gpis, Map, Prior, Surface, ThinPlate, Training};
     use tactile_core::track::{Bootstrap, MotionNoise, Tracker};
