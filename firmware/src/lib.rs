@@ -8,6 +8,8 @@
 #[cfg(target_os = "none")]
 pub mod board;
 pub mod bus;
+#[cfg(all(target_os = "none", feature = "mps2-an386", feature = "semihosting"))]
+pub mod counter;
 #[cfg(all(target_os = "none", feature = "stm32f405"))]
 mod inbox;
 pub mod registers;

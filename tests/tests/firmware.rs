@@ -8,7 +8,7 @@ use tactile_core::wire::{BoardKind, TrackerKind};
 use tactile_host::link::firmware::{self, Machine};
 use tactile_host::link::session::settings_for;
 use tactile_host::link::{
-    Faults, Faulty, Link, LogOutcome, Patience, Session, qemu, virtual_board,
+    Faults, Faulty, Link, LogOutcome, Patience, Session, cycles, qemu, virtual_board,
 };
 use tactile_tests::{Sample, board, unless_missing};
 
@@ -145,4 +145,24 @@ fn instructions_are_counted() {
     assert!(choices.iter().all(|n| (10_000..16_800_000).contains(n)), "{choices:?}");
     let again = unless_missing(qemu::run(&elf, machine, true, limit));
     assert_eq!(again.as_deref(), Some(printed.as_str()));
+}
+
+#[test]
+fn sensors_keep_within_their_cycles() {
+    let machine = Machine::Mps2An386;
+    let Some(elf) = unless_missing(firmware::build("bench-sensing", machine)) else { return };
+    let limit = Duration::from_secs(120);
+    let Some(printed) = unless_missing(cycles::run(&elf, machine, limit)) else { return };
+    eprintln!("{printed}");
+    let cycles = |name: &str| -> Vec<u64> {
+        let of = |line: &str| line.rsplit_once(' ').and_then(|(_, cycles)| cycles.parse().ok());
+        printed.lines().filter(|line| line.trim().starts_with(name)).filter_map(of).collect()
+    };
+    let wrench = cycles("wrench");
+    assert!(wrench.len() == 3 && wrench.iter().all(|c| *c <= 3_400), "{wrench:?}");
+    let [electrodes] = cycles("electrodes, five rise")[..] else { panic!("{printed}") };
+    assert!(electrodes <= 2_500, "{electrodes}");
+    // Five fingers at 1 kHz in 15 % of 168 MHz.
+    let [finger] = cycles("one reading, begun and fetched")[..] else { panic!("{printed}") };
+    assert!(5 * 1000 * finger <= 168_000_000 * 15 / 100, "{finger}");
 }

@@ -228,5 +228,9 @@ impl<SPI: SpiDevice, DELAY: DelayNs> Sampler for BioTac<SPI, DELAY> {
     }
 }
 
+mod paced;
+
+pub use paced::Paced;
+
 #[cfg(test)]
 mod tests;

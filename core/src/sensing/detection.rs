@@ -170,6 +170,21 @@ impl<const CHANNELS: usize> Window<CHANNELS> {
     /// again where `time` is not after the last reading's, or by more than `gap` microseconds.
     #[inline]
     pub fn push(&mut self, words: &[i32; CHANNELS], time: u32, depth: u8, gap: u32) {
+        self.push_each(|k| words[k], time, depth, gap, (), |(), _, _| ());
+    }
+
+    /// As [`Self::push`], where `word` has the word of each channel, and `fold` goes on from `start`
+    /// over channels and their new sums while they are at hand.
+    #[inline(always)]
+    pub(super) fn push_each<T>(
+        &mut self,
+        word: impl Fn(usize) -> i32,
+        time: u32,
+        depth: u8,
+        gap: u32,
+        start: T,
+        fold: impl Fn(T, usize, i32) -> T,
+    ) -> T {
         let depth = (depth.max(1) as usize).min(LONGEST_WINDOW);
         let wrap = |i: usize| if i == 0 { depth - 1 } else { i - 1 };
         if self.count as usize > depth || self.next as usize >= depth {
@@ -182,16 +197,16 @@ impl<const CHANNELS: usize> Window<CHANNELS> {
         let at = self.next as usize;
         let full = self.count as usize == depth;
         let row = &mut self.rows[at];
-        for k in 0..CHANNELS {
-            let before = if full { row[k] } else { 0 };
-            self.sums[k] = self.sums[k].wrapping_add(words[k]).wrapping_sub(before);
-            row[k] = words[k];
+        if !full {
+            *row = [0; CHANNELS];
         }
+        let folded = exchange(row, &mut self.sums, word, start, fold);
         self.times[at] = time;
         self.next = if at + 1 == depth { 0 } else { at as u8 + 1 };
         if !full {
             self.count += 1;
         }
+        folded
     }
 
     /// Readings held.
@@ -220,6 +235,25 @@ impl<const CHANNELS: usize> Window<CHANNELS> {
         let (first, last) = (time(first), time(last));
         first.wrapping_add(last.wrapping_sub(first) / 2)
     }
+}
+
+/// Puts words in the place of a row's. Alone, so that the registers suffice for its loop.
+#[inline(never)]
+fn exchange<const CHANNELS: usize, T>(
+    row: &mut [i32; CHANNELS],
+    sums: &mut [i32; CHANNELS],
+    word: impl Fn(usize) -> i32,
+    start: T,
+    fold: impl Fn(T, usize, i32) -> T,
+) -> T {
+    let mut folded = start;
+    for k in 0..CHANNELS {
+        let now = word(k);
+        sums[k] = sums[k].wrapping_add(now).wrapping_sub(row[k]);
+        row[k] = now;
+        folded = fold(folded, k, sums[k]);
+    }
+    folded
 }
 
 impl<const CHANNELS: usize> Default for Window<CHANNELS> {

@@ -1,157 +1,16 @@
 //! An array of electrodes under a fluid-filled skin: impedances to contacts.
 
-use super::detection::{Detector, Hysteresis, Phase, Sampling, Tare, Window};
-use super::fingertip::{Edge, Fingertip, Patch, Shape};
+use super::detection::{Detector, Phase, Sampling, Tare, Window};
+use super::fingertip::Patch;
 use super::{
-    CalibrationError, ContactEstimator, ELECTRODES, ElectrodeReading, NoContact, Tolerance, Touch,
-    spread_on,
+    CalibrationError, ContactEstimator, ELECTRODES, ElectrodeReading, NoContact, Touch, spread_on,
 };
 use crate::math;
 use crate::matrix::{Coordinates, Vector};
 
-/// Positions of a BioTac's electrodes E1 to E19 on its core, metres, in its own frame: x towards
-/// the tip, z out of the nail, the origin in the centre of the half ball that closes the finger.
-/// Published by Lin et al., "Estimating point of contact, force and torque in a biomimetic tactile
-/// sensor with deformable skin" (2013).
-pub const BIOTAC_CORE: [Vector<3>; ELECTRODES] = [
-    Vector([0.993e-3, -4.855e-3, -1.116e-3]),
-    Vector([-2.700e-3, -3.513e-3, -3.670e-3]),
-    Vector([-6.200e-3, -3.513e-3, -3.670e-3]),
-    Vector([-8.000e-3, -4.956e-3, -1.116e-3]),
-    Vector([-10.500e-3, -3.513e-3, -3.670e-3]),
-    Vector([-13.400e-3, -4.956e-3, -1.116e-3]),
-    Vector([4.763e-3, 0.0, -2.330e-3]),
-    Vector([3.031e-3, -1.950e-3, -3.330e-3]),
-    Vector([3.031e-3, 1.950e-3, -3.330e-3]),
-    Vector([1.299e-3, 0.0, -4.330e-3]),
-    Vector([0.993e-3, 4.855e-3, -1.116e-3]),
-    Vector([-2.700e-3, 3.513e-3, -3.670e-3]),
-    Vector([-6.200e-3, 3.513e-3, -3.670e-3]),
-    Vector([-8.000e-3, 4.956e-3, -1.116e-3]),
-    Vector([-10.500e-3, 3.513e-3, -3.670e-3]),
-    Vector([-13.400e-3, 4.956e-3, -1.116e-3]),
-    Vector([-2.800e-3, 0.0, -5.080e-3]),
-    Vector([-9.800e-3, 0.0, -5.080e-3]),
-    Vector([-13.600e-3, 0.0, -5.080e-3]),
-];
+mod settings;
 
-/// A BioTac's skin: 7 mm about the axis of the finger, closed by a half ball, up to 2 mm past the
-/// middle of its sides.
-pub const BIOTAC_SKIN: Fingertip = Fingertip {
-    shape: Shape::CappedCylinder { radius: 7e-3, length: 0.018 },
-    edge: Some(Edge { normal: Vector([0.0, 0.0, -1.0]), offset: -2e-3 }),
-};
-
-/// What an [`ElectrodeEstimator`] knows of its sensor and what it asks of a contact.
-///
-/// Strength is counted in *relative change of impedance*, R/R₀ − 1, summed over the electrodes: it
-/// needs neither an electrode's size nor the converter's reference.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ElectrodeSettings {
-    /// Where the electrodes are, fingertip frame, metres: the calibration table. They may lie under
-    /// the skin.
-    pub positions: [Vector<3>; ELECTRODES],
-    /// The skin.
-    pub fingertip: Fingertip,
-    /// Largest word of the converter, which an electrode without impedance would give.
-    pub full_scale: u16,
-    /// Words are credible strictly between these.
-    pub range: (u16, u16),
-    /// Standard deviation of one word.
-    pub noise: f32,
-    /// How far around a contact impedances rise: standard deviation of the bell that the change
-    /// follows near it, metres.
-    pub footprint: f32,
-    /// How far, relatively, electrodes stray from that bell.
-    pub mismatch: f32,
-    /// How far the centroid strays from the contact, standard deviation per axis, metres.
-    pub centroid: f32,
-    /// Newtons of normal force per summed relative change.
-    pub stiffness: f32,
-    /// How well the skin is known.
-    pub tolerance: Tolerance,
-    /// Standard deviation of the point above which a contact is not reported, metres.
-    pub precision: f32,
-    /// When a contact begins and ends: summed relative change.
-    pub detection: Hysteresis,
-    /// Averaging and taring.
-    pub sampling: Sampling,
-    /// Share of what remains that the baseline takes over with each reading while nothing touches,
-    /// and sixteen times as much of what all electrodes have in common, as when the fluid warms up:
-    /// zero for a baseline that is never followed.
-    pub drift: f32,
-}
-
-impl ElectrodeSettings {
-    /// A BioTac. Positions, skin and converter are published; the numbers that describe how the skin
-    /// gives way (footprint, mismatch, centroid, stiffness) fit a film of fluid under it, and a real
-    /// finger should be pressed at a few known places to replace them.
-    pub const BIOTAC: Self = ElectrodeSettings {
-        positions: BIOTAC_CORE,
-        fingertip: BIOTAC_SKIN,
-        full_scale: 4095,
-        range: (8, 4087),
-        noise: 2.0,
-        footprint: 2.5e-3,
-        mismatch: 0.2,
-        centroid: 2e-3,
-        stiffness: 0.5,
-        tolerance: Tolerance { point: 2e-4, normal: 0.02 },
-        precision: 3e-3,
-        detection: Hysteresis { begin: 0.02, end: 0.012, begin_readings: 3, end_readings: 3 },
-        sampling: Sampling { window: 8, gap: 50_000, tare: 64, spread: 64 },
-        drift: 1e-3,
-    };
-
-    const UNSET: Self = ElectrodeSettings {
-        positions: [Vector([0.0; 3]); ELECTRODES],
-        fingertip: Fingertip { shape: Shape::Sphere { radius: 0.0 }, edge: None },
-        full_scale: 0,
-        range: (0, 0),
-        noise: 0.0,
-        footprint: 0.0,
-        mismatch: 0.0,
-        centroid: 0.0,
-        stiffness: 0.0,
-        tolerance: Tolerance { point: 0.0, normal: 0.0 },
-        precision: 0.0,
-        detection: Hysteresis { begin: 0.0, end: 0.0, begin_readings: 0, end_readings: 0 },
-        sampling: Sampling { window: 0, gap: 0, tare: 0, spread: 0 },
-        drift: 0.0,
-    };
-
-    /// The same, if it makes sense.
-    ///
-    /// # Errors
-    /// What is not finite, not positive where it must be, or out of order.
-    pub fn checked(mut self) -> Result<Self, CalibrationError> {
-        let positive = [
-            self.noise,
-            self.footprint,
-            self.mismatch,
-            self.centroid,
-            self.stiffness,
-            self.precision,
-        ];
-        if positive.iter().chain([&self.drift]).any(|v| !v.is_finite())
-            || self.positions.iter().any(|p| !p.is_finite())
-        {
-            return Err(CalibrationError::NotFinite);
-        }
-        if positive.iter().any(|v| !(*v > 0.0)) {
-            return Err(CalibrationError::NotPositive);
-        }
-        let (low, high) = self.range;
-        if !(0.0..=1.0).contains(&self.drift) || low >= high || high >= self.full_scale {
-            return Err(CalibrationError::Range);
-        }
-        self.fingertip = self.fingertip.checked()?;
-        self.tolerance = self.tolerance.checked()?;
-        self.detection = self.detection.checked()?;
-        self.sampling = self.sampling.checked()?;
-        Ok(self)
-    }
-}
+pub use settings::{BIOTAC_CORE, BIOTAC_SKIN, ElectrodeSettings};
 
 /// The mean of the electrodes' positions, weighted by the magnitude of their changes: thesis 2.24.
 /// `None` where nothing changed or a number is not finite.
@@ -171,8 +30,9 @@ pub fn centroid(
     (all > 0.0 && mean.is_finite()).then_some(mean)
 }
 
-/// Electrodes that change by less than this share of the strongest say little about where it is.
-const FAINT: f32 = 0.04;
+/// Electrodes that change by less than a share of the strongest say little about where it is: the
+/// logarithm of 4 %.
+const FAINT: f32 = -3.218_876;
 
 /// Electrodes that change by less than this many standard deviations say nothing.
 const NOISE_FLOOR: f32 = 4.0;
@@ -218,12 +78,16 @@ pub struct ElectrodeEstimator {
     settings: ElectrodeSettings,
     configured: bool,
     taring: bool,
+    fit: Terms,
     /// The skin above each electrode.
     above: [Vector<3>; ELECTRODES],
     /// Words at rest.
     baseline: [f32; ELECTRODES],
     tare: Tare<ELECTRODES>,
     window: Window<ELECTRODES>,
+    scale: Scale,
+    /// Of the electrodes that rise.
+    rises: [Rise; ELECTRODES],
     detector: Detector,
 }
 
@@ -233,7 +97,39 @@ impl Default for ElectrodeEstimator {
     }
 }
 
-/// Which electrodes' impedances rise by more than the noise, and by how much.
+/// What the settings alone make of the fit.
+#[derive(Clone, Copy, Debug)]
+struct Terms {
+    /// One over the squares of footprint and of the centroid's deviation, per m².
+    bell: f32,
+    prior: f32,
+    /// The squared mismatch.
+    mismatch: f32,
+}
+
+/// What the readings averaged and the baseline make of electrodes; renewed where these change.
+#[derive(Clone, Copy, Debug)]
+struct Scale {
+    /// Readings averaged, and one over their number.
+    count: u8,
+    share: f32,
+    full: f32,
+    /// Standard deviation of a word less its baseline.
+    noise: f32,
+    /// An electrode whose words add up to less rises by more than the noise.
+    limits: [i32; ELECTRODES],
+}
+
+/// An electrode whose impedance rises.
+#[derive(Clone, Copy, Debug)]
+struct Rise {
+    /// Logarithm of its relative change.
+    log: f32,
+    /// One over the variance of that.
+    weight: f32,
+}
+
+/// Which electrodes' impedances rise by more than the noise.
 #[derive(Clone, Copy)]
 struct Changes {
     /// Such electrodes, a bit each.
@@ -241,31 +137,22 @@ struct Changes {
     /// Sum of their relative changes, and the same of the skin's places above them times these.
     level: f32,
     moment: Vector<3>,
+    /// Logarithm of the largest.
     largest: f32,
-    /// By how much all impedances at rest exceed those of the baseline, relative to these.
-    drift: f32,
 }
 
-impl Changes {
-    /// The electrodes' numbers.
-    fn electrodes(&self) -> impl Iterator<Item = usize> {
-        let mut left = self.set;
-        core::iter::from_fn(move || {
-            let next = left.trailing_zeros() as usize;
-            left &= left.wrapping_sub(1);
-            (next < ELECTRODES).then_some(next)
-        })
-    }
-}
+/// A bit for every electrode.
+const ALL: u32 = (1 << ELECTRODES) - 1;
 
-/// What the readings averaged make of electrodes.
-#[derive(Clone, Copy)]
-struct Scale {
-    /// One over their number.
-    share: f32,
-    full: f32,
-    /// Standard deviation of a word less its baseline.
-    noise: f32,
+/// The electrodes' numbers of a set.
+#[inline(always)]
+fn members(set: u32) -> impl Iterator<Item = usize> {
+    let mut left = set;
+    core::iter::from_fn(move || {
+        let next = left.trailing_zeros() as usize;
+        left &= left.wrapping_sub(1);
+        (next < ELECTRODES).then_some(next)
+    })
 }
 
 impl ElectrodeEstimator {
@@ -275,10 +162,13 @@ impl ElectrodeEstimator {
             settings: ElectrodeSettings::UNSET,
             configured: false,
             taring: false,
+            fit: Terms { bell: 0.0, prior: 0.0, mismatch: 0.0 },
             above: [Vector([0.0; 3]); ELECTRODES],
             baseline: [0.0; ELECTRODES],
             tare: Tare::new(),
             window: Window::new(),
+            scale: Scale { count: 0, share: 0.0, full: 0.0, noise: 0.0, limits: [0; ELECTRODES] },
+            rises: [Rise { log: 0.0, weight: 0.0 }; ELECTRODES],
             detector: Detector::new(),
         }
     }
@@ -295,6 +185,11 @@ impl ElectrodeEstimator {
             let patch = settings.fingertip.project(*position).ok_or(CalibrationError::Range)?;
             *position = patch.point;
         }
+        self.fit = Terms {
+            bell: 1.0 / (settings.footprint * settings.footprint),
+            prior: 1.0 / (settings.centroid * settings.centroid),
+            mismatch: settings.mismatch * settings.mismatch,
+        };
         self.settings = settings;
         self.above = above;
         self.configured = true;
@@ -307,81 +202,144 @@ impl ElectrodeEstimator {
         self.baseline
     }
 
+    /// Takes the words into the window. Which electrodes rise, or the first whose word is not
+    /// credible.
+    #[inline]
+    fn take(&mut self, reading: &ElectrodeReading, time: u32) -> Result<u32, usize> {
+        let Sampling { window, gap, .. } = self.settings.sampling;
+        if let Some(channel) = self.outside(reading) {
+            return Err(channel);
+        }
+        let limits = &self.scale.limits;
+        let word = |k: usize| i32::from(reading.0[k]);
+        // Negative differences, whose highest bit is set, tell without a branch. In the end that of
+        // the last electrode is the highest.
+        let set = self.window.push_each(word, time, window, gap, 0, |set: u32, k, sum| {
+            set >> 1 | (sum.wrapping_sub(limits[k]) as u32 & 1 << 31)
+        });
+        let mut set = set >> (u32::BITS - ELECTRODES as u32);
+        if self.window.count() != self.scale.count {
+            self.rescale();
+            set = self.risen(&self.baseline);
+        }
+        Ok(set)
+    }
+
+    /// The first electrode whose word does not lie strictly between both ends.
+    #[inline]
+    fn outside(&self, reading: &ElectrodeReading) -> Option<usize> {
+        // In one comparison.
+        let (low, high) = (u32::from(self.settings.range.0), u32::from(self.settings.range.1));
+        let (first, count) = (low + 1, high.saturating_sub(low + 1));
+        reading.0.iter().position(|word| u32::from(*word).wrapping_sub(first) >= count)
+    }
+
+    /// What follows from the window's length and from the baseline.
+    #[inline(never)]
+    fn rescale(&mut self) {
+        let count = self.window.count();
+        let share = 1.0 / f32::from(count.max(1));
+        // The baseline is as uncertain as the mean of the readings that made it.
+        let variance = share + 1.0 / f32::from(self.settings.sampling.tare);
+        self.scale.count = count;
+        self.scale.share = share;
+        self.scale.full = f32::from(self.settings.full_scale);
+        self.scale.noise = self.settings.noise * math::sqrt(variance);
+        self.limit();
+    }
+
+    /// The sums below which electrodes rise.
+    fn limit(&mut self) {
+        let floor = NOISE_FLOOR * self.scale.noise;
+        let count = f32::from(self.scale.count);
+        for (limit, rest) in self.scale.limits.iter_mut().zip(&self.baseline) {
+            // The next whole number.
+            let bound = count * (*rest - floor);
+            let whole = bound as i32;
+            *limit = whole + i32::from((whole as f32) < bound);
+        }
+    }
+
+    /// Which electrodes rise above a baseline.
+    #[cold]
+    #[inline(never)]
+    fn risen(&self, baseline: &[f32; ELECTRODES]) -> u32 {
+        let Scale { share, noise, .. } = self.scale;
+        let mut set = 0;
+        for (k, (sum, rest)) in self.window.sums().iter().zip(baseline).enumerate() {
+            let fall = rest - *sum as f32 * share;
+            set |= u32::from(fall > NOISE_FLOOR * noise) << k;
+        }
+        set
+    }
+
     /// What the electrodes say. A contact squeezes fluid under the rest of the skin, so that some
     /// electrodes always fall or stay. Where all rise, the fluid conducts worse: the least of their
     /// changes is the drift of all.
     #[inline]
-    fn changes(&self, scale: &Scale) -> Changes {
-        match self.changes_from(&self.baseline, scale) {
-            (changes, false) => changes,
-            (_, true) => self.changes_beyond_drift(scale),
-        }
+    fn changes(&mut self, set: u32) -> Changes {
+        let share = self.scale.share;
+        let falls = |k: usize| (self.window.sums()[k] as f32 * share) < self.baseline[k];
+        if members(ALL & !set).all(falls) { self.changes_beyond_drift() } else { self.rise(set) }
     }
 
     #[cold]
     #[inline(never)]
-    fn changes_beyond_drift(&self, scale: &Scale) -> Changes {
-        let Scale { share, full, .. } = *scale;
+    fn changes_beyond_drift(&mut self) -> Changes {
+        let Scale { share, full, .. } = self.scale;
         let mut least = f32::INFINITY;
         for (sum, rest) in self.window.sums().iter().zip(&self.baseline) {
             let word = *sum as f32 * share;
             least = math::min(least, (full - word) * rest / (word * (full - rest)));
         }
         let drift = least - 1.0;
-        let baseline = self.baseline.map(|rest| drifted(rest, full, drift));
-        Changes { drift, ..self.changes_from(&baseline, scale).0 }
+        // The word of an electrode when its impedance has grown by the drift, relatively.
+        let drifted = self.baseline.map(|rest| full * rest / (full + drift * (full - rest)));
+        let baseline = core::mem::replace(&mut self.baseline, drifted);
+        let changes = self.rise(self.risen(&self.baseline));
+        self.baseline = baseline;
+        changes
     }
 
-    #[inline]
-    fn scale(&self) -> Scale {
-        let share = 1.0 / self.window.count() as f32;
-        // The baseline is as uncertain as the mean of the readings that made it.
-        let variance = share + 1.0 / self.settings.sampling.tare as f32;
-        let noise = self.settings.noise * math::sqrt(variance);
-        Scale { share, full: self.settings.full_scale as f32, noise }
-    }
-
-    /// The changes from words at rest, and whether all impedances rise.
-    #[inline]
-    fn changes_from(&self, baseline: &[f32; ELECTRODES], scale: &Scale) -> (Changes, bool) {
-        let Scale { share, full, noise } = *scale;
-        let floor = -NOISE_FLOOR * noise;
-        let (moment, drift) = (Vector::ZERO, 0.0);
-        let mut changes = Changes { set: 0, level: 0.0, moment, largest: 0.0, drift };
-        let mut signs = u32::MAX;
-        for (k, (sum, rest)) in self.window.sums().iter().zip(baseline).enumerate() {
-            let word = *sum as f32 * share;
-            let lift = word - rest;
-            signs &= lift.to_bits();
-            if lift < floor {
-                let change = full * lift / (word * (rest - full));
-                changes.set |= 1 << k;
-                changes.level += change;
-                changes.moment += self.above[k] * change;
-                changes.largest = math::max(changes.largest, change);
-            }
-        }
-        (changes, signs >> 31 == 1)
-    }
-
-    /// Relative change of an electrode that rises, and one over the variance of its logarithm.
+    /// How far the electrodes of a set rise, and how surely.
     ///
-    /// From rest w₀ to w the impedance changes by R/R₀ − 1 = full·(w − w₀)/(w·(w₀ − full)); the
-    /// relative deviation of that is σ·w₀/((w − w₀)·w).
+    /// From rest w₀ to w the impedance changes by R/R₀ − 1 = full·(w₀ − w)/(w·(full − w₀)); the
+    /// relative deviation of that is σ·w₀/((w₀ − w)·w).
     #[inline]
-    fn change(&self, electrode: usize, changes: &Changes, scale: &Scale) -> (f32, f32) {
-        let Scale { share, full, noise } = *scale;
-        let mut rest = self.baseline[electrode];
-        if changes.drift > 0.0 {
-            rest = drifted(rest, full, changes.drift);
+    fn rise(&mut self, set: u32) -> Changes {
+        let Scale { share, full, noise, .. } = self.scale;
+        let mismatch = self.fit.mismatch;
+        let mut changes = Changes { set, level: 0.0, moment: Vector::ZERO, largest: f32::MIN };
+        for k in members(set) {
+            let (word, rest) = (self.window.sums()[k] as f32 * share, self.baseline[k]);
+            let (fall, left) = (rest - word, word * (full - rest));
+            let (product, doubt) = (fall * word, noise * rest);
+            let square = product * product;
+            let variance = doubt * doubt + mismatch * square;
+            // One division for both.
+            let inverse = 1.0 / (left * variance);
+            let change = full * fall * (variance * inverse);
+            let log = log(change);
+            self.rises[k] = Rise { log, weight: square * (left * inverse) };
+            changes.level += change;
+            changes.moment += self.above[k] * change;
+            changes.largest = math::max(changes.largest, log);
         }
-        let word = self.window.sums()[electrode] as f32 * share;
-        let product = (word - rest) * word;
-        let change = full * product / (word * word * (rest - full));
-        let (doubt, product) = (noise * rest, self.settings.mismatch * product);
-        let square = product * product;
-        let variance = self.settings.mismatch * self.settings.mismatch;
-        (change, square / ((doubt * doubt + square) * variance))
+        changes
+    }
+
+    /// A reading for the tare.
+    #[cold]
+    fn settle(&mut self, reading: &ElectrodeReading) -> NoContact {
+        if let Some(channel) = self.outside(reading) {
+            return NoContact::Saturated { channel: channel as u8 };
+        }
+        let Sampling { tare, spread, .. } = self.settings.sampling;
+        if let Some(mean) = self.tare.push(&reading.0.map(i32::from), tare, spread) {
+            self.baseline = mean;
+            self.taring = false;
+        }
+        NoContact::Taring
     }
 
     /// While nothing touches, the baseline goes after the words: each electrode's slowly, and what
@@ -391,8 +349,7 @@ impl ElectrodeEstimator {
         if !(rate > 0.0) {
             return;
         }
-        let share = 1.0 / self.window.count() as f32;
-        let full = self.settings.full_scale as f32;
+        let Scale { share, full, .. } = self.scale;
         // A word falls by this much as all impedances grow by their like.
         let response = |rest: f32| rest * (1.0 - rest * (1.0 / full));
         let (mut falls, mut responses) = (0.0, 0.0);
@@ -407,17 +364,18 @@ impl ElectrodeEstimator {
             let moved = *rest - common * response(*rest);
             *rest = moved + rate * (*sum as f32 * share - moved);
         }
+        self.limit();
     }
 
     /// The middle of the bell.
     #[inline]
-    fn locate(&self, changes: &Changes, scale: &Scale) -> Result<Touch, NoContact> {
+    fn locate(&self, changes: &Changes) -> Result<Touch, NoContact> {
         let settings = &self.settings;
         let fingertip = &settings.fingertip;
         // The centroid of what rises; of nothing it is NaN.
         let mean = changes.moment * (1.0 / changes.level);
         let start = fingertip.project(mean).ok_or(NoContact::IllConditioned)?;
-        let fit = self.fit(changes, scale, &start);
+        let fit = self.fit(changes, &start);
         if fit.freedom > 0.0 && fit.misfit > MISFIT * fit.freedom {
             return Err(NoContact::Inconsistent);
         }
@@ -445,57 +403,67 @@ impl ElectrodeEstimator {
 
     /// Least squares for the bell's height and middle.
     #[inline]
-    fn fit(&self, changes: &Changes, scale: &Scale, start: &Patch) -> Fit {
-        let settings = &self.settings;
-        let inverse = 1.0 / (settings.footprint * settings.footprint);
+    fn fit(&self, changes: &Changes, start: &Patch) -> Fit {
+        let Terms { bell, prior, .. } = self.fit;
         let [u, v] = start.tangents;
-        let (mut weight, mut used) = (0.0, 0.0);
-        let (mut p, mut q, mut y) = (0.0, 0.0, 0.0);
-        let (mut pp, mut pq, mut qq, mut py, mut qy, mut yy) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-        let floor = FAINT * changes.largest;
-        for k in changes.electrodes() {
-            let (change, w) = self.change(k, changes, scale);
-            if !(change > floor) {
+        let (mut weight, mut used) = (0.0, 0);
+        let (mut p, mut q, mut r) = (0.0, 0.0, 0.0);
+        let (mut pp, mut pq, mut qq, mut pr, mut qr, mut rr) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let (floor, half) = (changes.largest + FAINT, 0.5 * bell);
+        let (along, across) = (u * bell, v * bell);
+        for k in members(changes.set) {
+            let Rise { log, weight: w } = self.rises[k];
+            if !(log > floor) {
                 continue;
             }
-            let away = self.above[k] - start.point;
-            let (a, b) = (inverse * u.dot(away), inverse * v.dot(away));
-            let c = math::ln(change) + 0.5 * inverse * away.norm_squared();
+            let [x, y, z] = (self.above[k] - start.point).0;
+            let a = along[0] * x + along[1] * y + along[2] * z;
+            let b = across[0] * x + across[1] * y + across[2] * z;
+            let c = log + half * (x * x + y * y + z * z);
             weight += w;
-            used += 1.0;
+            used += 1;
             let (wa, wb, wc) = (w * a, w * b, w * c);
             p += wa;
             q += wb;
-            y += wc;
+            r += wc;
             pp += wa * a;
             pq += wa * b;
             qq += wb * b;
-            py += wa * c;
-            qy += wb * c;
-            yy += wc * c;
+            pr += wa * c;
+            qr += wb * c;
+            rr += wc * c;
         }
         let scale = 1.0 / weight;
         pp -= p * p * scale;
         pq -= p * q * scale;
         qq -= q * q * scale;
-        py -= p * y * scale;
-        qy -= q * y * scale;
-        yy -= y * y * scale;
-        let prior = 1.0 / (settings.centroid * settings.centroid);
+        pr -= p * r * scale;
+        qr -= q * r * scale;
+        rr -= r * r * scale;
         let (a, b, c) = (pp + prior, pq, qq + prior);
         let scale = 1.0 / (a * c - b * b);
-        let step = [scale * (c * py - b * qy), scale * (a * qy - b * py)];
+        let step = [scale * (c * pr - b * qr), scale * (a * qr - b * pr)];
         let [s, t] = step;
-        let misfit = yy - 2.0 * (s * py + t * qy) + s * s * pp + 2.0 * s * t * pq + t * t * qq;
-        Fit { step, spread: [c * scale, -b * scale, a * scale], misfit, freedom: used - 3.0 }
+        let misfit = rr - 2.0 * (s * pr + t * qr) + s * s * pp + 2.0 * s * t * pq + t * t * qq;
+        Fit { step, spread: [c * scale, -b * scale, a * scale], misfit, freedom: (used - 3) as f32 }
     }
 }
 
-/// The word of an electrode at `rest` when its impedance has grown by `drift`, relatively.
-#[inline]
-fn drifted(rest: f32, full: f32, drift: f32) -> f32 {
-    full * rest / (full + drift * (full - rest))
+/// Natural logarithm of a positive normal number, absolute error below 9·10⁻⁵: changes are known to
+/// a few percent. A third of [`math::ln`], which knows special cases and divides.
+#[inline(always)]
+pub(super) fn log(x: f32) -> f32 {
+    // x = m · 2ᵉ with m in [√½, √2).
+    let bits = x.to_bits().wrapping_sub(0x3f35_04f3);
+    let t = f32::from_bits((bits & 0x007f_ffff) + 0x3f35_04f3) - 1.0;
+    let e = (bits as i32 >> 23) as f32;
+    let [zeroth, first, second, third, fourth] = LOG;
+    let z = t * t;
+    e * core::f32::consts::LN_2 + zeroth + t * first + z * (second + t * third + z * fourth)
 }
+
+/// The polynomial in t that is nearest to ln(1 + t) where √½ ≤ 1 + t < √2.
+const LOG: [f32; 5] = [4.547722e-05, 0.9994026, -0.5040479, 0.3574114, -0.2174837];
 
 /// Where the bell's middle is seen from the centroid.
 struct Fit {
@@ -515,28 +483,19 @@ impl ContactEstimator for ElectrodeEstimator {
         if !self.configured {
             return Err(NoContact::NotCalibrated);
         }
-        // Strictly between both ends, in one comparison.
-        let (low, high) = (u32::from(self.settings.range.0), u32::from(self.settings.range.1));
-        let (first, count) = (low + 1, high.saturating_sub(low + 1));
-        let outside = |word: &u16| u32::from(*word).wrapping_sub(first) >= count;
-        if let Some(channel) = reading.0.iter().position(outside) {
-            self.window.clear();
-            return Err(NoContact::Saturated { channel: channel as u8 });
-        }
-        let words = reading.0.map(i32::from);
-        let sampling = self.settings.sampling;
         if self.taring {
-            if let Some(mean) = self.tare.push(&words, sampling.tare, sampling.spread) {
-                self.baseline = mean;
-                self.taring = false;
-            }
-            return Err(NoContact::Taring);
+            return Err(self.settle(reading));
         }
-        self.window.push(&words, time, sampling.window, sampling.gap);
-        let scale = self.scale();
-        let changes = self.changes(&scale);
+        let set = match self.take(reading, time) {
+            Ok(set) => set,
+            Err(channel) => {
+                self.window.clear();
+                return Err(NoContact::Saturated { channel: channel as u8 });
+            }
+        };
+        let changes = self.changes(set);
         match self.detector.update(changes.level, &self.settings.detection) {
-            Phase::Touching => self.locate(&changes, &scale),
+            Phase::Touching => self.locate(&changes),
             Phase::Free => {
                 self.follow();
                 Err(NoContact::TooLight)
@@ -550,6 +509,7 @@ impl ContactEstimator for ElectrodeEstimator {
         self.taring = true;
         self.tare = Tare::new();
         self.window.clear();
+        self.scale.count = 0;
         self.detector = Detector::new();
     }
 }

@@ -198,12 +198,19 @@ impl Fingertip {
     #[inline]
     pub fn project(&self, point: Vector<3>) -> Option<Patch> {
         let (nearest, outward) = self.foot(point)?;
-        let (gradient, bend) = self.slope(nearest);
-        let steepness = match self.shape {
-            Shape::Sphere { radius } | Shape::CappedCylinder { radius, .. } => 1.0 / radius,
-            _ => 1.0 / gradient.norm(),
+        // Round, but along a cylinder's axis.
+        let (radius, straight) = match self.shape {
+            Shape::Sphere { radius } => (radius, 0.0),
+            Shape::CappedCylinder { radius, .. } => (radius, (nearest[0] <= 0.0) as u8 as f32),
+            _ => {
+                let (gradient, bend) = self.slope(nearest);
+                return Some(Patch::new(nearest, outward, 1.0 / gradient.norm(), &bend));
+            }
         };
-        Some(Patch::new(nearest, outward, steepness, &bend))
+        let [u, v] = tangents(outward);
+        let (bent, along, across) = (1.0 / radius, straight * u[0], straight * v[0]);
+        let curvature = [1.0 - along * u[0], -along * v[0], 1.0 - across * v[0]].map(|k| k * bent);
+        Some(Patch { point: nearest, outward, tangents: [u, v], curvature })
     }
 
     /// Point and outward normal of the shape nearest to a point; `None` as for [`Self::project`].
@@ -226,6 +233,7 @@ impl Fingertip {
 
     /// Nearest point of a quadric: c + λ·∇S(c)/2 = p and S(c) = 0, by Newton's method on both. Each
     /// step replaces the shape by its tangent plane and curvature at the current point.
+    #[inline(never)]
     fn nearest(&self, point: Vector<3>) -> Option<Vector<3>> {
         let mut c = point;
         for _ in 0..STEPS {

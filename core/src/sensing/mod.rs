@@ -206,10 +206,13 @@ impl Tolerance {
 #[inline]
 fn spread_on(patch: &Patch, [a, b, c]: [f32; 3], tolerance: &Tolerance) -> (Matrix<3>, f32) {
     let [u, v] = patch.tangents;
-    let mut covariance = Matrix::ZERO;
-    covariance.add_outer(1.0, u * a + v * b, u);
-    covariance.add_outer(1.0, u * b + v * c, v);
-    covariance.add_outer(tolerance.point * tolerance.point, patch.outward, patch.outward);
+    let (along, across) = (u * a + v * b, u * b + v * c);
+    let outward = patch.outward;
+    let off = outward * (tolerance.point * tolerance.point);
+    let entry = |i: usize, j: usize| along[i] * u[j] + across[i] * v[j] + off[i] * outward[j];
+    let [xx, xy, xz] = [entry(0, 0), entry(0, 1), entry(0, 2)];
+    let [yy, yz, zz] = [entry(1, 1), entry(1, 2), entry(2, 2)];
+    let covariance = Matrix([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]);
     let [uu, uv, vv] = patch.curvature;
     // Trace of κPκ.
     let turned = (uu * uu + uv * uv) * a + 2.0 * uv * (uu + vv) * b + (uv * uv + vv * vv) * c;

@@ -112,6 +112,9 @@ pub const SENSING: &str = "spatial-sensing";
 /// The image that reads five ADS131M08 over `SPI1`: for the STM32F405 only.
 pub const GAUGES: &str = "spatial-gauges";
 
+/// The images that print what the core costs, of trackers and of sensors: for the AN386 only.
+pub const BENCHES: [&str; 2] = ["bench", "bench-sensing"];
+
 /// The image without sensors that follows objects so in this many dimensions; `None` where there is
 /// none.
 pub fn image_for(dimension: usize, tracker: TrackerKind) -> Option<&'static str> {
@@ -210,7 +213,7 @@ pub fn build(image: &str, machine: Machine) -> Result<PathBuf, FirmwareError> {
     let mut command = workshop.toolchain.command(false);
     command.args(["build", "--package", "tactile-firmware", "--bin", image]);
     command.args(["--profile", "firmware"]);
-    let features = if image == "bench" { "semihosting" } else { "" };
+    let features = if BENCHES.contains(&image) { "semihosting" } else { "" };
     workshop.run(command, image, machine, features, &[])?;
 
     let images = workshop.target.join("images");
@@ -239,7 +242,7 @@ pub fn clippy(machine: Machine) -> Result<(), FirmwareError> {
     }
     let mut command = workshop.toolchain.command(true);
     command.args(["clippy", "--package", "tactile-core", "--package", "tactile-firmware"]);
-    // `bench` counts instructions, which only one board can.
+    // Only one board counts instructions.
     match machine {
         Machine::Stm32f405 => {
             command.arg("--lib").args(IMAGES.iter().flat_map(|(name, ..)| ["--bin", name]))

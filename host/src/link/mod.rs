@@ -4,6 +4,7 @@
 //! [`virtual_board`] in this process. [`Faulty`] and [`Recorder`] wrap any of them. A [`Session`]
 //! speaks the protocol of [`tactile_core::wire`] over a link and feeds grasp logs through it.
 
+pub mod cycles;
 pub mod fault;
 pub mod firmware;
 pub mod lesson;

@@ -17,7 +17,7 @@ use super::Link;
 use super::firmware::{self, FirmwareError, Machine};
 use super::tcp::Tcp;
 
-const EMULATOR: &str = "qemu-system-arm";
+pub(super) const EMULATOR: &str = "qemu-system-arm";
 /// Starts the emulator; ends it when standard input closes or $LIMIT seconds are over.
 const GUARD: &str = r#"exec 3<&0
 "$@" </dev/null & emulator=$!

@@ -1,4 +1,4 @@
-//! `cargo fw build|run|count|size IMAGE [--board stm32f405|mps2-an386]` and `cargo fw clippy`: firmware with whatever toolchain
+//! `cargo fw build|run|count|cycles|size IMAGE [--board stm32f405|mps2-an386]` and `cargo fw clippy`: firmware with whatever toolchain
 //! there is, in QEMU, always under a time limit.
 //!
 //! Exit codes: 0 done, 1 failed, 2 wrong usage, 77 something has to be installed first (1 when
@@ -11,14 +11,16 @@ use tactile_core::space::{Planar, Spatial};
 use tactile_core::wire::WireSpace;
 use tactile_host::link::firmware::{self, FirmwareError, Machine};
 use tactile_host::link::qemu::{self, Qemu};
-use tactile_host::link::{Patience, Session};
+use tactile_host::link::{Patience, Session, cycles};
 
-const USAGE: &str = "usage: cargo fw build|run|count|size IMAGE [--board stm32f405|mps2-an386]
+const USAGE: &str =
+    "usage: cargo fw build|run|count|cycles|size IMAGE [--board stm32f405|mps2-an386]
        cargo fw clippy
   clippy check core and firmware for the target of every board
   build  compile the image and print its path
   run    start it in QEMU and ask who is there
-  count  run `bench` in QEMU and print how many instructions the core takes
+  count  run `bench` or `bench-sensing` in QEMU and print how many instructions the core takes
+  cycles trace `bench-sensing` in QEMU and print instructions and modelled cycles of a Cortex-M4
   size   print flash, static memory and, after a few grasps in QEMU, the deepest stack";
 const LIMIT: Duration = Duration::from_secs(300);
 
@@ -31,9 +33,10 @@ fn main() -> ExitCode {
         [verb, image, "--board", board] => (verb, image, Some(board)),
         _ => return usage(),
     };
+    let bench = firmware::BENCHES.contains(&image);
     let machine = match (image, board) {
-        ("bench", None | Some("mps2-an386")) => Machine::Mps2An386,
-        ("bench", _) => return usage(),
+        (_, None | Some("mps2-an386")) if bench => Machine::Mps2An386,
+        _ if bench => return usage(),
         (_, None | Some("stm32f405")) => Machine::Stm32f405,
         (_, Some("mps2-an386")) => Machine::Mps2An386,
         _ => return usage(),
@@ -41,8 +44,9 @@ fn main() -> ExitCode {
     let dimension = firmware::IMAGES.iter().find(|i| i.0 == image).map(|i| i.1);
     finish(match (verb, dimension) {
         ("build", Some(_)) => build(image, machine),
-        ("build", None) if image == "bench" => build(image, machine),
-        ("run" | "count", None) if image == "bench" => count(image, machine, verb == "count"),
+        ("build", None) if bench => build(image, machine),
+        ("run" | "count", None) if bench => count(image, machine, verb == "count"),
+        ("cycles", None) if bench => cycles(image, machine),
         ("run" | "size", Some(2)) => talk::<Planar>(image, machine, verb == "size"),
         ("run" | "size", Some(_)) => talk::<Spatial>(image, machine, verb == "size"),
         _ => return usage(),
@@ -66,7 +70,7 @@ type Outcome = Result<(), Box<dyn std::error::Error>>;
 
 fn usage() -> ExitCode {
     let images: Vec<&str> = firmware::IMAGES.iter().map(|i| i.0).collect();
-    eprintln!("{USAGE}\nimages: {}, bench", images.join(", "));
+    eprintln!("{USAGE}\nimages: {}, {}", images.join(", "), firmware::BENCHES.join(", "));
     ExitCode::from(2)
 }
 
@@ -86,6 +90,12 @@ fn build(image: &str, machine: Machine) -> Outcome {
 fn count(image: &str, machine: Machine, exactly: bool) -> Outcome {
     let elf = firmware::build(image, machine)?;
     print!("{}", qemu::run(&elf, machine, exactly, LIMIT)?);
+    Ok(())
+}
+
+fn cycles(image: &str, machine: Machine) -> Outcome {
+    let elf = firmware::build(image, machine)?;
+    print!("{}", cycles::run(&elf, machine, LIMIT)?);
     Ok(())
 }
 

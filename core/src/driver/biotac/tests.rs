@@ -129,6 +129,65 @@ fn an_emulated_sensor_speaks_the_same_protocol() {
     assert_eq!(sensor.sample(), Ok(turned));
 }
 
+#[test]
+fn pauses_are_given_back() {
+    let want = example();
+    let bus: Vec<_> = (0..44)
+        .flat_map(|slot| sampled(Channel::of_slot(slot).command(), encode(want.slot(slot))))
+        .collect();
+    let mut spi = Mock::new(&bus);
+    let now = core::cell::Cell::new(u32::MAX - 500);
+    let mut sensor = Paced::new(spi.clone(), || now.get());
+    // Every poll at which the bus is used, by the microsecond; the rest returns at once.
+    let (mut frames, mut uses) = (0, Vec::new());
+    while frames == 0 {
+        let before = (sensor.next, sensor.asked);
+        frames += sensor.poll().unwrap().map_or(0, |frame| (frame == want) as u32 + 1);
+        if (sensor.next, sensor.asked) != before {
+            uses.push(now.get());
+        }
+        now.set(now.get().wrapping_add(1));
+    }
+    spi.done();
+    assert_eq!((frames, uses.len()), (2, 88));
+    for (k, pair) in uses.windows(2).enumerate() {
+        // Fifty microseconds after a command, ten after an answer, and what a tick may hide.
+        let pause = if k % 2 == 0 { 51 } else { 11 };
+        assert_eq!(pair[1].wrapping_sub(pair[0]), pause, "{k}");
+    }
+}
+
+#[test]
+fn a_paced_sensor_names_what_is_wrong() {
+    let [high, low] = encode(2893);
+    let good = sampled([0xa2, 0x01], [high, low]);
+    let bad = sampled([0x80, 0x01], [high, low ^ 0x40]);
+    let mut spi = Mock::new(&[good.clone(), bad, good].concat());
+    let now = core::cell::Cell::new(0);
+    let tick = || {
+        now.set(now.get() + 30);
+        now.get()
+    };
+    let mut sensor = Paced::new(spi.clone(), tick);
+    assert_eq!(sensor.sample(), Err(DriverError::Parity { slot: 1 }));
+    // A new frame begins with its first slot.
+    while sensor.next == 0 {
+        assert_eq!(sensor.poll(), Ok(None));
+    }
+    spi.done();
+    for silence in [[0, 0], [0xff, 0xff]] {
+        let mut spi = Mock::new(&sampled([0x86, 0x01], silence));
+        assert_eq!(Paced::new(spi.clone(), tick).start(), Err(DriverError::Missing));
+        spi.done();
+    }
+    let mut broken = Paced::new(crate::driver::tests::Broken, || 7);
+    assert_eq!(broken.poll(), Err(DriverError::Bus(ErrorKind::ModeFault)));
+    assert_eq!(broken.poll(), Ok(None), "not at once again");
+    // A clock that stands still.
+    let mut stuck = Paced::new(BioTacChip::showing(example()), || 7);
+    assert_eq!(stuck.start(), Err(DriverError::Timeout));
+}
+
 proptest! {
     #[test]
     fn twelve_bits_survive(value in 0u16..4096) {
