@@ -187,10 +187,7 @@ fn expect_curved<
     motion: MotionNoise,
 ) {
     tracker.map_mut().configure(KERNEL, P::UNSET, Training::Normals);
-    // In space a round costs several times as much, and more than one found no more.
-    let usual = curved::Settings::DEFAULT;
-    let rounds = if S::DIMENSION == 2 { usual.rounds } else { 1 };
-    tracker.configure(curved::Settings { motion, rounds, ..usual });
+    tracker.configure(curved::Settings { motion, ..curved::Settings::DEFAULT });
 }
 
 /// Most contacts of a grasp that the curved tracker can wait with.
