@@ -27,16 +27,20 @@ impl Bundled {
         }
     }
 
+    fn text(self) -> &'static str {
+        match self {
+            Bundled::Block => include_str!("../../assets/bundled.jsonl"),
+            Bundled::Prism => include_str!("../../assets/prism.jsonl"),
+        }
+    }
+
     /// The recording, and its object's true shape where that is known.
     ///
     /// # Errors
     /// None, unless the program was built with damaged files.
     pub(super) fn read(self) -> Result<(GraspLog, Option<Geometry>), Error> {
-        let text = match self {
-            Bundled::Block => include_str!("../../assets/bundled.jsonl"),
-            Bundled::Prism => include_str!("../../assets/prism.jsonl"),
-        };
-        let log = GraspLog::parse(text.as_bytes(), self.name().as_ref()).map_err(Error::input)?;
+        let log = GraspLog::parse(self.text().as_bytes(), self.name().as_ref());
+        let log = log.map_err(Error::input)?;
         let truth = match &log.shape {
             Some(TrueShape::Mesh { file, .. }) => {
                 let mesh = parse_mesh(file, include_bytes!("../../assets/prism.ply"));
@@ -67,7 +71,7 @@ mod tests {
 
     #[test]
     fn the_prism_is_as_the_simulator_makes_it() {
-        let (log, truth) = Bundled::Prism.read().unwrap();
+        let (_, truth) = Bundled::Prism.read().unwrap();
         let options = Options {
             object: "lshape:0.10x0.08x0.035x0.06".parse().unwrap(),
             grasps: Some(32),
@@ -80,7 +84,11 @@ mod tests {
             seed: 4,
         };
         let made = simulate(&options).unwrap();
-        assert_eq!(made.log.grasps, log.grasps);
+        let mut text = Vec::new();
+        made.log.to_writer(&mut text).unwrap();
+        let text = String::from_utf8(text).unwrap();
+        // All but the header, where the mesh has no name yet.
+        assert!(text.lines().skip(1).eq(Bundled::Prism.text().lines().skip(1)));
         let (Geometry::Mesh(made), Some(Geometry::Mesh(bundled))) = (made.geometry, truth) else {
             panic!("no meshes");
         };

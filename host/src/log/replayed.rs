@@ -336,9 +336,9 @@ impl<S: Bridge + WireSpace> Collector<'_, S> {
 
     /// A board that forgets starts a new log: the last object is what a recording is of.
     fn forget(&mut self) {
+        self.tell();
         self.grasp = empty_grasp(0);
         self.estimate = None;
-        self.done = None;
         (self.hear)(Heard::Forgotten);
     }
 
