@@ -16,7 +16,7 @@ fn wire<M: serde::Serialize>(sequence: u8, time: u32, message: M) -> Vec<u8> {
     encode(&Frame { sequence, time: Clock(time), message }, &mut buffer).unwrap().to_vec()
 }
 
-fn decode_all<M: serde::de::DeserializeOwned>(
+fn decode_all<M: serde::de::DeserializeOwned + PartialEq + core::fmt::Debug>(
     bytes: &[u8],
 ) -> (Decoder<M>, Vec<Result<Received<M>, FrameError>>) {
     let mut decoder = Decoder::new();
