@@ -114,7 +114,7 @@ fn half_an_hour_as_mcap(bencher: Bencher) {
     let to = folder.path().join("long.mcap");
     bencher.bench_local(|| {
         let mut out = fs::File::create(&to).map(std::io::BufWriter::new).unwrap();
-        Recorded::read(&from, &|_, _| ()).unwrap().film(&mut out, &|_, _| ()).unwrap();
+        Recorded::film(&from, &mut out, &|_, _| ()).unwrap();
     });
     tell("MCAP", &to);
 }

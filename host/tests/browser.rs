@@ -183,6 +183,26 @@ fn a_flat_run_plays() {
     }
 }
 
+/// What a newcomer does: one command, and the page opens.
+#[test]
+fn the_bundled_prism_grows_in_space_until_its_surface_is_whole() {
+    let Some(bench) = Bench::new() else { return };
+    bench.tactile("slam --bundled prism --out prism");
+    let report = fs::read(bench.at("prism/report.json")).unwrap();
+    let report: Value = serde_json::from_slice(&report).unwrap();
+    let aligned = report["surface"]["hausdorff_aligned_mm"].as_f64().unwrap();
+    assert!(aligned < 2.0, "the L was not found: {report}");
+    let page = bench.at("prism/replay.html");
+    let visit = bench.visit(&page, "theme=light", "900,600");
+    visit.does_what_a_replay_does(32.0, 159.0, 5.0);
+    assert_eq!(visit.notes(), "[]");
+    assert_eq!(visit.seen["truth"], true);
+    assert!(visit.number("surfaces") >= 6.0, "it does not grow: {}", visit.seen);
+    // The true L drawn beside it has a few triangles only; the estimate is closed and coloured.
+    assert!(visit.number("trianglesAtEnd") > 500.0, "{}", visit.seen);
+    assert!(visit.colours() > 12, "{} colours", visit.colours());
+}
+
 #[test]
 fn a_run_in_space_plays_cut_off_and_without_webgl_too() {
     let Some(bench) = Bench::new() else { return };

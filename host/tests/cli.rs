@@ -94,6 +94,38 @@ fn the_main_job_needs_no_arguments() {
     assert_eq!(report["pose"]["per_grasp"].as_array().unwrap().len(), 10);
 }
 
+/// The page is shown by the program that `BROWSER` names.
+#[cfg(unix)]
+#[test]
+fn the_replay_opens_in_the_browser() {
+    use std::os::unix::fs::PermissionsExt;
+    let bench = Bench::new();
+    // Whole or not at all, so that who looks sees no half a name.
+    let script = "#!/bin/sh\nprintf %s \"$1\" > opened.part && mv opened.part opened\n";
+    bench.write("browser", script);
+    fs::set_permissions(bench.at("browser"), fs::Permissions::from_mode(0o755)).unwrap();
+    let run = |browser: PathBuf| {
+        let words = ["replay", "log.jsonl", "--to", "html", "-o", "page.html", "--open"];
+        let mut command = Command::new(env!("CARGO_BIN_EXE_tactile"));
+        command.args(words).current_dir(bench.0.path()).env("BROWSER", browser).output().unwrap()
+    };
+    bench.does("simulate --object hexagon:0.05 --grasps 2 -o log.jsonl");
+    assert!(run(bench.at("browser")).status.success());
+    let start = std::time::Instant::now();
+    while !bench.at("opened").exists() && start.elapsed().as_secs() < 30 {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    let opened = fs::read_to_string(bench.at("opened")).unwrap();
+    assert_eq!(fs::canonicalize(opened).unwrap(), fs::canonicalize(bench.at("page.html")).unwrap());
+    // Without a browser the page is there all the same.
+    let output = run(bench.at("none"));
+    assert!(output.status.success());
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("no browser could be started") && said.contains("page.html"), "{said}");
+    bench.refuses("replay log.jsonl --to mcap -o no.mcap --open", &["--open", "--to html"]);
+    bench.refuses("slam log.jsonl --bundled prism --out no", &["--bundled"]);
+}
+
 #[test]
 fn known_poses_give_the_shape() {
     let bench = Bench::new();

@@ -11,7 +11,12 @@ use super::frame::{Frame, PROTOCOL};
 /// Bytes of the longest frame on the wire, delimiter included.
 pub const MAX_FRAME: usize = 160;
 
-const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+/// A host that reads long recordings has room for a table of 16 kB, a board for 1 kB; both give the same.
+#[cfg(not(target_os = "none"))]
+static CRC: crc::Crc<u32, crc::Table<16>> =
+    crc::Crc::<u32, crc::Table<16>>::new(&crc::CRC_32_ISO_HDLC);
+#[cfg(target_os = "none")]
+static CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
 /// A frame did not fit in [`MAX_FRAME`] bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -280,6 +285,34 @@ impl<M: DeserializeOwned> Decoder<M> {
         };
         *count = count.saturating_add(1);
         Some(outcome)
+    }
+
+    /// Takes bytes to the end of a frame, or all where none ends; gives what the delimiter completes,
+    /// and the bytes after it. As [`Self::push`] of one after the other, and faster.
+    ///
+    /// ```
+    /// use tactile_core::space::Planar;
+    /// use tactile_core::wire::{Command, Decoder, Frame, MAX_FRAME, encode};
+    ///
+    /// let ping = Frame { sequence: 7, time: Default::default(), message: Command::<Planar>::Ping };
+    /// let mut buffer = [0; MAX_FRAME];
+    /// let sent = encode(&ping, &mut buffer).unwrap();
+    /// let mut decoder = Decoder::<Command<Planar>>::new();
+    /// let (received, rest) = decoder.take(sent);
+    /// assert_eq!(received.unwrap().unwrap().frame, ping);
+    /// assert!(rest.is_empty());
+    /// ```
+    pub fn take<'a>(
+        &mut self,
+        bytes: &'a [u8],
+    ) -> (Option<Result<Received<M>, FrameError>>, &'a [u8]) {
+        let end = bytes.iter().position(|byte| *byte == 0);
+        let (inside, rest) = bytes.split_at(end.unwrap_or(bytes.len()));
+        self.oversize |= self.buffer.extend_from_slice(inside).is_err();
+        match rest.split_first() {
+            Some((delimiter, rest)) => (self.push(*delimiter), rest),
+            None => (None, rest),
+        }
     }
 
     fn finish(&mut self) -> Result<Received<M>, FrameError> {

@@ -1,67 +1,86 @@
-// Charts along the timeline: what they show, and drawing them.
+// Charts along the timeline: what they show, and drawing them. Each series has a value of every grasp, or
+// of surfaces, or of choices; what comes is appended.
 
 const CHARTS = [
   {
     title: "Position", unit: "mm",
     series: [
-      { name: "error", colour: "estimate", values: (s) => s.grasps.map((g) => g.error?.translation) },
-      { name: "standard deviation", colour: "second", dash: [5, 3], values: (s) => s.grasps.map((g) => g.deviations && 1e3 * Math.hypot(...g.deviations.slice(0, 3))) },
+      { name: "error", colour: "estimate", each: (g) => g.error?.translation },
+      { name: "standard deviation", colour: "second", dash: [5, 3], each: (g) => g.deviations && 1e3 * Math.hypot(...g.deviations.slice(0, 3)) },
     ],
   },
   {
     title: "Rotation", unit: "°",
     series: [
-      { name: "error", colour: "estimate", values: (s) => s.grasps.map((g) => g.error?.rotation) },
-      { name: "standard deviation", colour: "second", dash: [5, 3], values: (s) => s.grasps.map((g) => g.deviations && (180 / Math.PI) * Math.hypot(...g.deviations.slice(3))) },
+      { name: "error", colour: "estimate", each: (g) => g.error?.rotation },
+      { name: "standard deviation", colour: "second", dash: [5, 3], each: (g) => g.deviations && (180 / Math.PI) * Math.hypot(...g.deviations.slice(3)) },
     ],
   },
   {
     title: "Shape against the truth", unit: "mm", wide: true,
     series: [
-      { name: "Hausdorff", colour: "estimate", steps: true, values: (s) => bySurface(s, (f) => f.hausdorff) },
-      { name: "mean", colour: "third", dash: [2, 3], steps: true, values: (s) => bySurface(s, (f) => f.mean) },
+      { name: "Hausdorff", colour: "estimate", steps: true, surface: (f) => f.hausdorff },
+      { name: "mean", colour: "third", dash: [2, 3], steps: true, surface: (f) => f.mean },
     ],
   },
   {
     title: "Deviation of the surface", unit: "mm", wide: true,
     series: [
-      { name: "median", colour: "estimate", steps: true, values: (s) => bySurface(s, (f) => quantile(f, 0.5)) },
-      { name: "95 %", colour: "second", dash: [5, 3], steps: true, values: (s) => bySurface(s, (f) => quantile(f, 0.95)) },
+      { name: "median", colour: "estimate", steps: true, surface: (f) => quantile(f, 0.5) },
+      { name: "95 %", colour: "second", dash: [5, 3], steps: true, surface: (f) => quantile(f, 0.95) },
     ],
   },
   {
     title: "Gain of the next touch", unit: "",
     series: [
-      { name: "chosen", colour: "estimate", values: (s) => byChoice(s, (c) => (c.chosen === null ? null : c.candidates[c.chosen].gain)) },
-      { name: "median candidate", colour: "second", dash: [5, 3], values: (s) => byChoice(s, (c) => c.median) },
+      { name: "chosen", colour: "estimate", choice: (c) => (c.chosen === null ? null : c.candidates[c.chosen].gain) },
+      { name: "median candidate", colour: "second", dash: [5, 3], choice: (c) => c.median },
     ],
   },
   {
     title: "Surface that counts as known", unit: "%",
-    series: [{ name: "", colour: "third", steps: true, values: (s) => byChoice(s, (c) => (c.known === null ? null : 100 * c.known)) }],
+    series: [{ name: "", colour: "third", steps: true, choice: (c) => (c.known === null ? null : 100 * c.known) }],
   },
   {
     title: "Entropy of the pose", unit: "nats", signed: true,
-    series: [{ name: "", colour: "third", values: (s) => s.grasps.map((g) => g.entropy) }],
+    series: [{ name: "", colour: "third", each: (g) => g.entropy }],
   },
   {
     title: "Contacts so far", unit: "", whole: true,
-    series: [{ name: "", colour: "third", values: (s) => { let sum = 0; return s.grasps.map((g) => (sum += g.touched)); } }],
+    series: [{ name: "", colour: "third", each: (g, before) => (before ?? 0) + g.touched }],
   },
 ];
 
-// A figure of the surface known after each grasp.
-function bySurface(scene, figure) {
-  const values = Array(scene.grasps.length).fill(null);
-  for (const surface of scene.surfaces) values[scene.position(surface.after)] = figure(surface);
-  return values;
-}
+// The values of a series so far, and the least, the greatest and the least above zero of them.
+class Course {
+  constructor(series) {
+    Object.assign(this, { series, data: [], known: 0, told: 0, low: Infinity, high: -Infinity, least: Infinity });
+  }
 
-// A figure of what was chosen after each grasp.
-function byChoice(scene, figure) {
-  const values = Array(scene.grasps.length).fill(null);
-  for (const choice of scene.choices) values[scene.position(choice.after)] = figure(choice);
-  return values;
+  put(at, value) {
+    this.data[at] = value;
+    if (!Number.isFinite(value)) return;
+    this.known += 1;
+    this.low = Math.min(this.low, value);
+    this.high = Math.max(this.high, value);
+    if (value > 0) this.least = Math.min(this.least, value);
+  }
+
+  // Takes what the scene was told since.
+  extend(scene) {
+    const { each, surface, choice } = this.series;
+    const count = scene.grasps.length;
+    while (this.data.length < count) {
+      const at = this.data.length;
+      this.put(at, each ? each(scene.grasps[at], this.data[at - 1]) : null);
+    }
+    if (each || !count) return;
+    const [list, told] = surface ? [scene.surfaces, scene.told.surfaces] : [scene.choices, scene.told.choices];
+    for (const one of list.slice(Math.max(list.length - (told - this.told), 0))) {
+      this.put(scene.position(one.after), (surface ?? choice)(one));
+    }
+    this.told = told;
+  }
 }
 
 // Of the deviations of a surface, millimetres.
@@ -84,11 +103,15 @@ class Charts {
   refresh() {
     if (this.version === this.scene.version) return;
     this.version = this.scene.version;
-    const known = (values) => values.some((v) => Number.isFinite(v));
-    const charts = CHARTS.map((chart) => ({
-      ...chart,
-      series: chart.series.map((s) => ({ ...s, data: s.values(this.scene) })).filter((s) => known(s.data)),
-    })).filter((chart) => chart.series.length);
+    if (this.begun !== this.scene.begun) {
+      this.begun = this.scene.begun;
+      this.courses = CHARTS.map((chart) => chart.series.map((series) => new Course(series)));
+    }
+    this.courses.flat().forEach((course) => course.extend(this.scene));
+    const charts = CHARTS.map((chart, i) => {
+      const known = this.courses[i].filter((course) => course.known > 0);
+      return { ...chart, series: known.map((course) => ({ ...course.series, course, data: course.data })) };
+    }).filter((chart) => chart.series.length);
     const names = charts.map((c) => c.title + c.series.map((s) => s.name)).join();
     if (names !== this.names) {
       this.names = names;
@@ -131,50 +154,64 @@ class Charts {
     };
     canvas.addEventListener("pointerdown", point);
     canvas.addEventListener("pointermove", point);
-    element.append(title, values, canvas);
-    return { element, canvas, shown, chart, range: range(chart) };
+    // A line above the canvas: curves are not drawn again because time goes on.
+    const now = document.createElement("i");
+    const plot = document.createElement("div");
+    plot.className = "plot";
+    plot.append(canvas, now);
+    element.append(title, values, plot);
+    return { element, canvas, now, shown, chart, range: range(chart) };
   }
 
   draw(time) {
     this.refresh();
-    const last = Math.max(this.scene.grasps.length - 1, 1);
-    const at = Math.min(Math.floor(time), this.scene.grasps.length - 1);
-    for (const { canvas, shown, chart, range } of this.cards) {
+    const { length } = this.scene.grasps;
+    const last = Math.max(length - 1, 1);
+    const at = Math.min(Math.floor(time), length - 1);
+    const look = `${this.version} ${document.documentElement.dataset.theme} ${window.devicePixelRatio}`;
+    for (const card of this.cards) {
+      const { canvas, shown, chart } = card;
+      const [wide, high] = [canvas.clientWidth, canvas.clientHeight];
+      // Where nothing moved there is nothing to do: the view may be turning.
+      const [still, whole] = [`${look} ${wide} ${high}`, `${look} ${wide} ${high} ${time}`];
+      if (card.whole === whole) continue;
+      card.whole = whole;
       chart.series.forEach((series, i) => {
         let k = at;
         while (series.steps && k > 0 && !Number.isFinite(series.data[k])) k--;
         const value = series.data[k];
-        shown[i].textContent = Number.isFinite(value) ? (chart.whole ? value : value.toFixed(value < 9.95 ? 2 : 1)) : "–";
+        const text = Number.isFinite(value) ? String(chart.whole ? value : value.toFixed(value < 9.95 ? 2 : 1)) : "–";
+        if (shown[i].textContent !== text) shown[i].textContent = text;
       });
-      const [wide, high] = [canvas.clientWidth, canvas.clientHeight];
-      const context = sized(canvas, wide, high);
-      if (!context) continue;
-      const { low, high: top, ticks, scale } = range;
       const x = (k) => Charts.LEFT + (k / last) * (wide - Charts.LEFT - Charts.RIGHT);
-      const share = (v) => (scale(Math.min(Math.max(v, low), top)) - scale(low)) / (scale(top) - scale(low));
-      const y = (v) => 6 + (1 - share(v)) * (high - 12);
-      const quiet = Colour.themed("quiet");
-      context.font = "10.5px system-ui, sans-serif";
-      context.textAlign = "right";
-      context.textBaseline = "middle";
-      for (const v of ticks) {
-        context.strokeStyle = Colour.themed("line");
-        context.lineWidth = 1;
-        context.beginPath();
-        context.moveTo(Charts.LEFT, Math.round(y(v)) + 0.5);
-        context.lineTo(wide - Charts.RIGHT, Math.round(y(v)) + 0.5);
-        context.stroke();
-        context.fillStyle = quiet;
-        context.fillText(v >= 1e4 ? `${+(v / 1e3).toPrecision(4)}k` : String(+v.toPrecision(6)), Charts.LEFT - 5, y(v));
-      }
-      for (const series of chart.series) this.line(context, series, x, y, wide);
-      context.strokeStyle = Colour.themed("ink");
-      context.lineWidth = 1.2;
-      context.beginPath();
-      context.moveTo(x(time), 2);
-      context.lineTo(x(time), high - 2);
-      context.stroke();
+      card.now.style.transform = `translateX(${x(time)}px)`;
+      if (card.still === still) continue;
+      card.still = still;
+      const context = sized(canvas, wide, high);
+      if (context) this.curves(context, card, x, wide, high);
     }
+  }
+
+  // What stays while time goes on: axes and curves.
+  curves(context, { chart, range }, x, wide, high) {
+    const { low, high: top, ticks, scale } = range;
+    const share = (v) => (scale(Math.min(Math.max(v, low), top)) - scale(low)) / (scale(top) - scale(low));
+    const y = (v) => 6 + (1 - share(v)) * (high - 12);
+    const quiet = Colour.themed("quiet");
+    context.font = "10.5px system-ui, sans-serif";
+    context.textAlign = "right";
+    context.textBaseline = "middle";
+    for (const v of ticks) {
+      context.strokeStyle = Colour.themed("line");
+      context.lineWidth = 1;
+      context.beginPath();
+      context.moveTo(Charts.LEFT, Math.round(y(v)) + 0.5);
+      context.lineTo(wide - Charts.RIGHT, Math.round(y(v)) + 0.5);
+      context.stroke();
+      context.fillStyle = quiet;
+      context.fillText(v >= 1e4 ? `${+(v / 1e3).toPrecision(4)}k` : String(+v.toPrecision(6)), Charts.LEFT - 5, y(v));
+    }
+    for (const series of chart.series) this.line(context, series, x, y, wide);
   }
 
   line(context, series, x, y, wide) {
@@ -226,12 +263,11 @@ function thinned(points, most) {
 // The least and greatest value of an axis, its ticks and its scale: logarithmic where a chart is of a
 // wide range and its values are.
 function range({ series, signed, wide }) {
-  const all = series.flatMap((s) => s.data).filter((v) => Number.isFinite(v));
   let [low, high, least] = [signed ? Infinity : 0, -Infinity, Infinity];
-  for (const v of all) {
-    low = Math.min(low, v);
-    high = Math.max(high, v);
-    if (v > 0) least = Math.min(least, v);
+  for (const { course } of series) {
+    low = Math.min(low, course.low);
+    high = Math.max(high, course.high);
+    least = Math.min(least, course.least);
   }
   if (wide && high > 30 * least) {
     const bottom = Math.max(niceAbove(least * 0.5), 1e-4 * high);

@@ -26,14 +26,15 @@ class Picture {
   // Which layers there is anything of.
   present() {
     const { scene } = this;
+    const { had } = scene;
     return {
       surface: scene.surfaces.length > 0,
       contacts: scene.contacts.count > 0,
-      truth: scene.truth !== null && scene.grasps.some((g) => g.truth),
-      alternatives: scene.grasps.some((g) => g.modes.length > 1),
-      path: scene.grasps.filter((g) => g.pose || g.truth).length > 1,
-      doubt: scene.grasps.some((g) => g.deviations),
-      free: scene.grasps.some((g) => g.free.length > 0),
+      truth: scene.truth !== null && had.truth,
+      alternatives: had.modes,
+      path: had.places > 1,
+      doubt: had.deviations,
+      free: had.free,
       candidates: scene.choices.some((c) => c.candidates.length > 0),
     };
   }
@@ -98,31 +99,65 @@ class Picture {
     return this.keep(this, `extent ${this.scene.version}`, () => this.scene.extent());
   }
 
+  // The extent's numbers as text: what is made of them stays while they do.
+  place() {
+    const { middle, reach } = this.extent();
+    return `${this.scene.begun}:${[...middle, reach].join()}`;
+  }
+
   // Middle of everything, half its size along each axis, and how far it reaches, metres, in the frame
   // that is shown.
   bounds() {
-    return this.keep(this, `bounds ${this.scene.version}${this.riding}`, () => {
-      const { grasps, gauge, contacts } = this.scene;
-      const every = (list, most) => list.filter((_, i) => i % Math.ceil(list.length / most) === 0);
-      const surface = this.scene.surfaces[this.scene.surfaces.length - 1];
-      const { middle, reach } = this.extent();
-      const body = surface
-        ? this.keep(surface, "outermost", () => outermost(surface.vertices, 3, surface.vertices.length / 3))
-        : outermost(contacts.data, 6, contacts.count);
-      // Candidates stand around the object: most of each is to be seen.
-      const around = this.present().candidates ? [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]] : [];
-      const own = [...body, ...around.slice(0, this.flat() ? 4 : 6).map((axis) => Vector.add(middle, Vector.scale(axis, 1.3 * reach)))];
-      if (!own.length) own.push(middle);
-      const truth = (g) => (g.truth && gauge ? [Pose.compose(g.truth, Pose.inverse(gauge))] : []);
-      const places = this.riding ? [Pose.identity] : every(grasps, 150).flatMap((g) => [g.place, ...truth(g)]);
-      const points = places.flatMap((place) => own.map((point) => Pose.apply(place, point)));
-      const box = points.length ? boxOf(points.flat(), 3, points.length) : null;
-      if (!box) return { middle, half: [reach, reach, reach], reach, points: [[reach, 0, 0]] };
-      const centre = Vector.scale(Vector.add(box.low, box.high), 0.5);
-      const room = 1.08;
-      const half = Vector.subtract(box.high, centre).map((h) => Math.max(room * h, 0.2 * reach));
-      return { middle: centre, half, reach: Math.hypot(...half), points: points.map((point) => Vector.scale(Vector.subtract(point, centre), room)) };
-    });
+    const { scene } = this;
+    const surface = scene.surfaces[scene.surfaces.length - 1] ?? null;
+    const known = this.around;
+    const same = known && known.place === this.place() && known.surface === surface && known.riding === this.riding;
+    const inside = (grasp) => this.places(grasp).every((place) => known.body.every((point) => {
+      const from = Vector.subtract(Pose.apply(place, point), known.value.middle);
+      return from.every((d, axis) => Math.abs(d) <= known.value.half[axis]);
+    }));
+    // Grasps that came since and stay within what is in view already change nothing.
+    if (same && (this.riding || scene.grasps.slice(known.count).every(inside))) {
+      known.count = scene.grasps.length;
+      return known.value;
+    }
+    const body = this.body(surface);
+    const value = this.boundsOf(body);
+    this.around = { place: this.place(), surface, riding: this.riding, count: scene.grasps.length, body, value };
+    return value;
+  }
+
+  // Where the object is at a grasp, as estimated and in truth.
+  places({ place, truth }) {
+    const { gauge } = this.scene;
+    return truth && gauge ? [place, Pose.compose(truth, Pose.inverse(gauge))] : [place];
+  }
+
+  // Its outermost points, object frame.
+  body(surface) {
+    const { contacts } = this.scene;
+    const { middle, reach } = this.extent();
+    const body = surface
+      ? this.keep(surface, "outermost", () => outermost(surface.vertices, 3, surface.vertices.length / 3))
+      : outermost(contacts.data, 6, contacts.count);
+    // Candidates stand around the object: most of each is to be seen.
+    const around = this.present().candidates ? [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]] : [];
+    const own = [...body, ...around.slice(0, this.flat() ? 4 : 6).map((axis) => Vector.add(middle, Vector.scale(axis, 1.3 * reach)))];
+    return own.length ? own : [middle];
+  }
+
+  boundsOf(own) {
+    const { grasps } = this.scene;
+    const { middle, reach } = this.extent();
+    const every = (list, most) => list.filter((_, i) => i % Math.ceil(list.length / most) === 0);
+    const places = this.riding ? [Pose.identity] : every(grasps, 150).flatMap((grasp) => this.places(grasp));
+    const points = places.flatMap((place) => own.map((point) => Pose.apply(place, point)));
+    const box = points.length ? boxOf(points.flat(), 3, points.length) : null;
+    if (!box) return { middle, half: [reach, reach, reach], reach, points: [[reach, 0, 0]] };
+    const centre = Vector.scale(Vector.add(box.low, box.high), 0.5);
+    const room = 1.08;
+    const half = Vector.subtract(box.high, centre).map((h) => Math.max(room * h, 0.2 * reach));
+    return { middle: centre, half, reach: Math.hypot(...half), points: points.map((point) => Vector.scale(Vector.subtract(point, centre), room)) };
   }
 
   // `make` once for `key`, and again when `version` is another.
@@ -169,7 +204,7 @@ class Picture {
   ghost(surface, model, weight) {
     const tint = Colour.rgb(Colour.themed("second"));
     const opacity = 0.25 + 0.5 * Math.min(weight, 1);
-    if (!surface) return [{ kind: "lines", lines: this.keep(this, `axes ${this.scene.version}`, () => axesOf(this.extent())), model, width: 2, opacity, ghost: true }];
+    if (!surface) return [{ kind: "lines", lines: this.keep(this, `axes ${this.place()}`, () => axesOf(this.extent())), model, width: 2, opacity, ghost: true }];
     if (this.flat()) {
       const theme = Colour.themed("second");
       const lines = this.keep(surface, `ghost ${theme}`, () => outlineOf(surface, () => tint));
@@ -180,21 +215,24 @@ class Picture {
   }
 
   path(at, middle) {
-    const theme = Colour.themed("estimate") + Colour.themed("truth");
-    const version = `${this.scene.version}${theme}`;
-    const { grasps, gauge } = this.scene;
+    const { gauge } = this.scene;
     const centre = (pose) => Pose.apply(pose, middle);
-    const estimated = this.keep(this.scene, `path ${version}`, () =>
-      polyline(grasps.map((g) => g.pose && centre(g.pose)), Colour.rgb(Colour.themed("estimate"))));
     const onTruth = (g) => g.truth && centre(gauge ? Pose.compose(g.truth, Pose.inverse(gauge)) : g.truth);
-    const truth = this.keep(this.scene, `way ${version}`, () =>
-      polyline(grasps.map(onTruth), Colour.rgb(Colour.themed("truth"))));
+    const estimated = this.grown("path", Colour.themed("estimate"), (g) => g.pose && centre(g.pose));
+    const truth = this.grown("way", Colour.themed("truth"), onTruth);
     const model = Pose.matrix(Pose.identity);
     return [
       { kind: "lines", lines: truth, model, width: 1.4, opacity: 0.55, ghost: true, onTop: true },
       { kind: "lines", lines: estimated, model, width: 1.4, opacity: 0.35, ghost: true, onTop: true },
       { kind: "lines", lines: estimated, count: estimated.until[at] ?? estimated.count, model, width: 2.6, ghost: true, onTop: true },
     ];
+  }
+
+  // A line through a point of every grasp; what comes is appended.
+  grown(name, colour, point) {
+    const line = this.keep(this.scene, `${name} ${this.place()}${colour}`, () => new Polyline(Colour.rgb(colour)));
+    line.extend(this.scene.grasps, point);
+    return line;
   }
 
   // Normals of the grasp's contacts.
@@ -227,7 +265,7 @@ class Picture {
   // promises; the chosen one reaches to the middle of the hand.
   candidates(choice, model) {
     const theme = Colour.themed("quiet");
-    const lines = this.keep(choice, `candidates ${this.scene.version}${theme}`, () => {
+    const lines = this.keep(choice, `candidates ${this.place()}${theme}`, () => {
       const { reach } = this.extent();
       const most = choice.most > 0 ? choice.most : 1;
       const spike = ({ middle, closing, gain }, inner) => {
@@ -261,7 +299,7 @@ class Picture {
     const bounds = this.bounds();
     const step = this.gridStep();
     const theme = Colour.themed("line");
-    const lines = this.keep(this, `grid ${this.scene.version}${this.riding}${theme}`, () => {
+    const lines = this.keep(bounds, `grid ${theme}`, () => {
       const ink = Colour.rgb(theme);
       const { middle, half: box, reach } = bounds;
       const floor = this.flat() ? 0 : middle[2] - 1.05 * box[2];
@@ -308,17 +346,29 @@ function linesOf(segments) {
 }
 
 // Through the points, over gaps where one is missing; `until` says how many segments there are up to
-// each point.
-function polyline(points, colour) {
-  const segments = [];
-  const until = [];
-  let last = null;
-  for (const point of points) {
-    if (point && last) segments.push([last, point, colour]);
-    last = point ?? last;
-    until.push(segments.length);
+// each point. Its array has room for more.
+class Polyline {
+  constructor(colour) {
+    Object.assign(this, { colour, data: new Float32Array(10 * 64), count: 0, until: [], last: null, version: 0 });
   }
-  return { ...linesOf(segments), until };
+
+  // Goes on to those of the grasps that are new.
+  extend(grasps, point) {
+    while (this.until.length < grasps.length) {
+      const next = point(grasps[this.until.length]);
+      if (next && this.last) {
+        if (10 * this.count === this.data.length) {
+          const data = new Float32Array(2 * this.data.length);
+          data.set(this.data);
+          this.data = data;
+        }
+        this.data.set([...this.last, ...next, ...this.colour, 1], 10 * this.count);
+        this.count += 1;
+      }
+      this.last = next ?? this.last;
+      this.until.push(this.count);
+    }
+  }
 }
 
 function outlineOf({ vertices, loops }, shade) {

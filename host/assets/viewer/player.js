@@ -180,7 +180,7 @@ class Player {
   legend() {
     const present = this.picture.present();
     const scaleEnd = 1e3 * this.scene.scaleEnd();
-    const key = JSON.stringify([present, scaleEnd, this.scene.grasps.length, document.documentElement.dataset.theme]);
+    const key = JSON.stringify([present, scaleEnd, document.documentElement.dataset.theme]);
     if (key === this.legendKey) return;
     this.legendKey = key;
     const dot = (fill, ring, radius = 5) => `<circle cx="9" cy="7" r="${radius}" fill="${fill}" stroke="${ring}" stroke-width="1.6"/>`;
@@ -337,7 +337,8 @@ class Player {
   fit() {
     this.touched = false;
     this.element("frame").textContent = this.picture.riding ? "On the object" : "World";
-    this.camera.fit(this.picture.bounds());
+    this.fitted = this.picture.bounds();
+    this.camera.fit(this.fitted);
     this.stale();
   }
 
@@ -365,7 +366,9 @@ class Player {
     if (this.shown !== this.scene.version) {
       this.shown = this.scene.version;
       this.legend();
-      if (!this.touched) this.camera.fit(this.picture.bounds());
+      const bounds = this.picture.bounds();
+      if (!this.touched && this.fitted !== bounds) this.camera.fit(bounds);
+      this.fitted = bounds;
     }
     // New charts leave less room for the scene.
     this.charts.refresh();

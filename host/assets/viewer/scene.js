@@ -18,7 +18,14 @@ class Scene {
     this.ended = false;
     // Contacts of all grasps, object frame: position and normal each; and which grasp felt it.
     this.contacts = { data: new Float32Array(6 * 64), owner: new Float32Array(64), count: 0, version: 0 };
+    // The box of the contacts, object frame; and which things any grasp had.
+    this.felt = { low: [Infinity, Infinity, Infinity], high: [-Infinity, -Infinity, -Infinity] };
+    this.had = { places: 0, truth: false, modes: false, deviations: false, free: false };
+    // Surfaces and choices told in all: of many, every other one is let go.
+    this.told = { surfaces: 0, choices: 0 };
     this.version = (this.version ?? 0) + 1;
+    // Scenes begun.
+    this.begun = (this.begun ?? 0) + 1;
   }
 
   // Takes one message; throws an Error that says what is wrong with it.
@@ -90,6 +97,11 @@ class Scene {
     // The frames of estimate and truth are free to differ: they are made to agree where truth begins.
     if (grasp.pose && grasp.truth && !this.gauge) this.gauge = Pose.compose(Pose.inverse(grasp.pose), grasp.truth);
     grasp.error = this.poseError(grasp);
+    this.had.places += grasp.pose || grasp.truth ? 1 : 0;
+    this.had.truth ||= grasp.truth !== null;
+    this.had.modes ||= grasp.modes.length > 1;
+    this.had.deviations ||= grasp.deviations !== null;
+    this.had.free ||= grasp.free.length > 0;
   }
 
   addContact(point, normal) {
@@ -104,6 +116,10 @@ class Scene {
     all.data.set(normal, 6 * all.count + 3);
     all.owner[all.count] = this.grasps.length;
     all.count += 1;
+    for (let axis = 0; axis < 3; axis++) {
+      this.felt.low[axis] = Math.min(this.felt.low[axis], point[axis]);
+      this.felt.high[axis] = Math.max(this.felt.high[axis], point[axis]);
+    }
   }
 
   // The motion from the true pose to the estimated one, seen from the true object frame.
@@ -127,7 +143,8 @@ class Scene {
     surface.after = readNumber(message.after, "surface.after");
     surface.hausdorff = message.hausdorff_mm ?? null;
     surface.mean = message.mean_mm ?? null;
-    this.surfaces.push(surface);
+    this.told.surfaces += 1;
+    push(this.surfaces, surface);
   }
 
   // What an exploration knew after a grasp, and what it chose the next one among.
@@ -142,7 +159,8 @@ class Scene {
     const chosen = message.chosen ?? null;
     if (chosen !== null && !candidates[chosen]) throw new Error(`choice.chosen: expected one of ${candidates.length} candidates`);
     const gains = candidates.map((c) => c.gain).filter(Number.isFinite).sort((a, b) => a - b);
-    this.choices.push({
+    this.told.choices += 1;
+    push(this.choices, {
       after: readNumber(message.after, "choice.after"),
       known: message.known ?? null,
       candidates,
@@ -160,16 +178,19 @@ class Scene {
 
   // Position among the grasps of the one with this number, or of the one it was merged into.
   position(number) {
-    const at = this.grasps.findIndex((grasp) => grasp.number >= number);
-    return at < 0 ? this.grasps.length - 1 : at;
+    let [low, high] = [0, this.grasps.length];
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (this.grasps[middle].number < number) low = middle + 1;
+      else high = middle;
+    }
+    return Math.min(low, this.grasps.length - 1);
   }
 
   // The surface as it was known after so many grasps.
   surfaceAt(at) {
     const number = this.grasps[at]?.number ?? -1;
-    let known = null;
-    for (const surface of this.surfaces) if (surface.after <= number) known = surface;
-    return known;
+    return this.surfaces.findLast((surface) => surface.after <= number) ?? null;
   }
 
   // The end of the scale of deviations, metres: round, and most of the last surface lies below.
@@ -187,12 +208,20 @@ class Scene {
   extent() {
     const surface = this.surfaces[this.surfaces.length - 1];
     let box = surface ? (surface.box ??= boxOf(surface.vertices, 3, surface.vertices.length / 3)) : null;
-    box ??= boxOf(this.contacts.data, 6, this.contacts.count);
+    if (this.contacts.count) box ??= this.felt;
     if (!box && this.truth) box = boxOf(this.truth.vertices, 3, this.truth.vertices.length / 3);
     box ??= { low: [-0.05, -0.05, -0.05], high: [0.05, 0.05, 0.05] };
     const middle = Vector.scale(Vector.add(box.low, box.high), 0.5);
     return { middle, reach: Math.max(Math.hypot(...Vector.subtract(box.high, middle)), 0.005) };
   }
+}
+
+// How many surfaces, and choices, a page holds: a session may go on for days.
+const MOST = 256;
+
+function push(list, one) {
+  if (list.length >= MOST) list.splice(0, list.length, ...list.filter((_, i) => i % 2 === 1));
+  list.push(one);
 }
 
 function readNumber(value, field) {

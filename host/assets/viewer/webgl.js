@@ -185,15 +185,15 @@ class WebGl {
     buffers.forEach((buffer) => this.gl.deleteBuffer(buffer));
   }
 
-  // Sends the points that came since the last time.
-  append(kept, { data, owner, count }) {
+  // Sends what came since the last time: of each buffer's numbers, so many to a thing.
+  append(kept, numbers, count) {
     const gl = this.gl;
-    const [from, each] = [kept.sent ?? count, data.length / owner.length];
+    const from = kept.sent ?? count;
     kept.sent = count;
     if (from >= count) return;
-    [[data, each], [owner, 1]].forEach(([numbers, size], i) => {
+    numbers.forEach(([data, each], i) => {
       gl.bindBuffer(gl.ARRAY_BUFFER, kept.buffers[i]);
-      gl.bufferSubData(gl.ARRAY_BUFFER, 4 * size * from, numbers, size * from, size * (count - from));
+      gl.bufferSubData(gl.ARRAY_BUFFER, 4 * each * from, data, each * from, each * (count - from));
     });
   }
 
@@ -276,9 +276,10 @@ class WebGl {
     const count = item.count ?? item.lines.count;
     if (!count) return;
     const use = this.programs.lines;
-    const kept = this.keep(item.lines, item.lines.version ?? 0, () => this.vertices(use.program, [
+    const kept = this.keep(item.lines, item.lines.data, () => this.vertices(use.program, [
       { data: item.lines.data, parts: [["from", 3], ["to", 3], ["shade", 4]] },
     ], this.corners));
+    this.append(kept, [[item.lines.data, 10]], item.lines.count);
     this.begin(use, { ghost: true, ...item }, frame);
     gl.uniform1f(use.uniforms.width, item.width * frame.ratio);
     gl.uniform1f(use.uniforms.opacity, item.opacity ?? 1);
@@ -299,7 +300,7 @@ class WebGl {
       { data: points.data, parts: [["position", 3], ["normal", 3]] },
       { data: points.owner, parts: [["owner", 1]] },
     ], this.discs));
-    this.append(kept, points);
+    this.append(kept, [[points.data, points.data.length / points.owner.length], [points.owner, 1]], points.count);
     this.begin(use, item, frame);
     const set = use.uniforms;
     gl.uniform1f(set.radius, item.radius * frame.ratio);

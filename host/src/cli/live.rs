@@ -13,6 +13,7 @@ use tactile_core::wire::{Hello, WireSpace};
 
 use self::watch::Watch;
 use super::Error;
+use super::bundled::Bundled;
 use super::slam::Input;
 use super::terminal::{Progress, note, say, tell, tell_report};
 use super::view_address::Address;
@@ -52,9 +53,12 @@ pub struct LiveArgs {
     /// qemu, virtual or tcp:HOST:PORT
     #[arg(long, value_name = "PORT")]
     port: Port,
-    /// Grasp log to feed; without one, the bundled recording
+    /// Grasp log to feed; without one, a bundled recording
     #[arg(long, value_name = "LOG")]
     log: Option<PathBuf>,
+    /// Which of the bundled recordings
+    #[arg(long, value_enum, value_name = "NAME", default_value_t, conflicts_with = "log")]
+    bundled: Bundled,
     /// Write all frames, both ways, to this recording (.tac)
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
@@ -160,7 +164,7 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
             "--graph: expected --tracker hypotheses; a board cannot teach {name} another's belief"
         )));
     }
-    let input = Input::open(args.log.as_deref(), &args.out)?;
+    let input = Input::open(args.log.as_deref(), args.bundled, &args.out)?;
     let Input { log, name, truth } = &input;
     let sensors = sensors(args, log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
     let sensors = sensors.as_ref();

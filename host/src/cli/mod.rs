@@ -2,6 +2,8 @@
 //!
 //! Exit codes: 0 done, 1 could not be done, 2 bad input (nothing was written).
 
+mod browser;
+pub mod bundled;
 pub mod explore;
 pub mod import;
 pub mod inspect;

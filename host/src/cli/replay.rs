@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
-use super::Error;
 use super::terminal::{Progress, tell, warn};
+use super::{Error, browser};
 use crate::log::GraspLog;
 use crate::log::recording::Recording;
 use crate::log::replayed::Replayed;
 use crate::log::write::write_atomically;
 use crate::slam::output::true_shape;
-use crate::slam::recorded::Recorded;
+use crate::slam::recorded::{FilmError, Recorded};
 use crate::slam::replay;
 use crate::view::scene::{Meta, Scene};
 use crate::view::{html, mcap};
@@ -31,6 +31,9 @@ pub struct ReplayArgs {
     /// The file to write
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    /// Show the page in the browser (that `BROWSER` names, else the system's); with --to html
+    #[arg(long)]
+    open: bool,
 }
 
 /// What a recording can become.
@@ -52,6 +55,11 @@ pub enum Format {
 /// # Errors
 /// Neither a recording nor a log, a recording without a grasp, or an unwritable output.
 pub fn run(args: &ReplayArgs) -> Result<(), Error> {
+    if args.open && args.to != Format::Html {
+        return Err(Error::Input(
+            "--open: expected --to html, a browser shows nothing else".into(),
+        ));
+    }
     let grasps = match args.to {
         // Says itself what is missing, and reads long recordings as they come.
         Format::Html => page(args),
@@ -60,6 +68,9 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
         Format::Mcap => film(args),
     }?;
     tell(format!("{grasps} grasps in {}", args.output.display()));
+    if args.open {
+        browser::show(&args.output);
+    }
     Ok(())
 }
 
@@ -163,18 +174,27 @@ fn film(args: &ReplayArgs) -> Result<u64, Error> {
     if is_log(&args.file) {
         return film_of_log(args);
     }
-    let recorded = recorded(args)?;
-    let name = args.file.display();
-    if recorded.count == 0 {
-        return Err(without_grasp(&args.file));
+    let progress = Progress::new("writing", "MB");
+    let (mut filmed, mut unreadable) = (None, None);
+    let written = write_atomically(&args.output, |out| {
+        match Recorded::film(&args.file, out, &|done, all| progress.at(done, all)) {
+            Ok(recorded) => filmed = Some(recorded),
+            Err(FilmError::Film(error)) => return Err(error),
+            Err(other) => {
+                unreadable = Some(other);
+                return Err(std::io::Error::other("there is no film"));
+            }
+        }
+        Ok(())
+    });
+    drop(progress);
+    if let Some(error) = unreadable {
+        return Err(Error::input(error));
     }
-    for missing in &recorded.missing {
-        warn(format_args!("{name}: {missing}"));
-    }
-    let writing = Progress::new("writing", "MB");
-    write_atomically(&args.output, |out| recorded.film(out, &|done, all| writing.at(done, all)))
-        .map_err(|e| unwritable(&args.output, e))?;
-    Ok(recorded.count)
+    written.map_err(|e| unwritable(&args.output, e))?;
+    let missing = filmed.iter().flat_map(|recorded| &recorded.missing);
+    missing.for_each(|missing| warn(format_args!("{}: {missing}", args.file.display())));
+    Ok(filmed.map_or(0, |recorded| recorded.count))
 }
 
 fn film_of_log(args: &ReplayArgs) -> Result<u64, Error> {

@@ -5,8 +5,9 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 
-use crate::cli::Error;
+use crate::cli::bundled::Bundled;
 use crate::cli::terminal::{Progress, say, tell, tell_report, warn};
+use crate::cli::{Error, browser};
 use crate::graph;
 use crate::log::GraspLog;
 use crate::shape::Geometry;
@@ -22,11 +23,14 @@ use crate::slam::{reconstruct, track};
 /// replay.html (a moving scene for any browser) and replay.mcap (for Foxglove, Rerun and RViz).
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:\n  tactile simulate --object ellipse:0.12x0.06 --seed 3 -o ellipse.jsonl\n  tactile slam ellipse.jsonl --out ellipse"
+    after_help = "Example:\n  tactile slam --bundled prism --open\n  tactile simulate --object ellipse:0.12x0.06 --seed 3 -o ellipse.jsonl\n  tactile slam ellipse.jsonl --out ellipse"
 )]
 pub struct SlamArgs {
-    /// Grasp log; without one, the bundled recording
+    /// Grasp log; without one, a bundled recording
     log: Option<PathBuf>,
+    /// Which of the bundled recordings
+    #[arg(long, value_enum, value_name = "NAME", default_value_t, conflicts_with = "log")]
+    bundled: Bundled,
     /// How poses are estimated
     #[arg(long, value_enum, default_value_t = Kind::Automatic)]
     tracker: Kind,
@@ -48,6 +52,9 @@ pub struct SlamArgs {
     /// Write the mesh in these formats too, beside shape.ply, which alone holds its uncertainty
     #[arg(long, value_enum, value_name = "FORMAT", value_delimiter = ',')]
     mesh: Vec<Plain>,
+    /// Show replay.html in the browser (that `BROWSER` names, else the system's) when it is done
+    #[arg(long)]
+    open: bool,
     /// Print the report as JSON
     #[arg(long)]
     json: bool,
@@ -73,10 +80,6 @@ pub enum Poses {
     Truth,
 }
 
-/// The log that a fresh clone reconstructs.
-const BUNDLED: &str = include_str!("../../assets/bundled.jsonl");
-const BUNDLED_NAME: &str = "bundled recording";
-
 /// What a run starts from.
 pub(super) struct Input {
     pub log: GraspLog,
@@ -86,22 +89,26 @@ pub(super) struct Input {
 }
 
 impl Input {
-    /// Reads the log (the bundled one without a path) and its true shape, and refuses what could not
-    /// be finished before anything long is begun.
-    pub fn open(path: Option<&Path>, out: &Path) -> Result<Input, Error> {
-        let (log, name) = match path {
-            Some(path) => (GraspLog::read(path).map_err(Error::input)?, path.display().to_string()),
-            None => (
-                GraspLog::parse(BUNDLED.as_bytes(), BUNDLED_NAME.as_ref()).map_err(Error::input)?,
-                BUNDLED_NAME.to_owned(),
-            ),
+    /// Reads the log (without a path a bundled one) and its true shape, and refuses what could not be
+    /// finished before anything long is begun.
+    pub fn open(path: Option<&Path>, bundled: Bundled, out: &Path) -> Result<Input, Error> {
+        let (log, name, truth) = match path {
+            None => {
+                let (log, truth) = bundled.read()?;
+                (log, bundled.name().to_owned(), truth)
+            }
+            Some(path) => {
+                let log = GraspLog::read(path).map_err(Error::input)?;
+                let name = path.display().to_string();
+                let truth = true_shape(&log).unwrap_or_else(|error| {
+                    warn(format_args!("{name}: {error}; errors against the truth are left out"));
+                    None
+                });
+                (log, name, truth)
+            }
         };
         reconstruct::check(&log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
         check_folder(out).map_err(Error::input)?;
-        let truth = true_shape(&log).unwrap_or_else(|error| {
-            warn(format_args!("{name}: {error}; errors against the truth are left out"));
-            None
-        });
         Ok(Input { log, name, truth })
     }
 
@@ -128,7 +135,7 @@ impl Input {
 /// # Errors
 /// Bad input before anything is written; unwritable results.
 pub fn run(args: &SlamArgs) -> Result<(), Error> {
-    let input = Input::open(args.log.as_deref(), &args.out)?;
+    let input = Input::open(args.log.as_deref(), args.bundled, &args.out)?;
     let Input { log, name, truth } = &input;
     if log.dimension == 2 && !args.mesh.is_empty() {
         let message = "--mesh: a planar log has an outline, contour.csv, and no mesh";
@@ -188,6 +195,9 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
     } else {
         tell_report(&outcome.report);
         tell(format_args!("results in {}", args.out.display()));
+    }
+    if args.open {
+        browser::show(&args.out.join("replay.html"));
     }
     Ok(())
 }

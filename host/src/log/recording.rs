@@ -172,6 +172,12 @@ pub struct Piece {
     pub bytes: Vec<u8>,
 }
 
+impl Piece {
+    /// Nothing, at the start, from the board.
+    pub const EMPTY: Piece =
+        Piece { time: Duration::ZERO, way: Direction::FromBoard, bytes: Vec::new() };
+}
+
 /// A recording in memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
@@ -267,6 +273,38 @@ impl<R: BufRead> Pieces<R> {
         Ok(header.map(|header| Pieces { header, torn: 0, damaged: 0, bytes, reader, sealed }))
     }
 
+    /// The next piece in the place of `piece`, whose memory serves again; whether there is one.
+    ///
+    /// # Errors
+    /// When the reader fails.
+    pub fn read(&mut self, piece: &mut Piece) -> io::Result<bool> {
+        loop {
+            self.sealed.clear();
+            match self.reader.by_ref().take(LONGEST).read_until(0, &mut self.sealed)? {
+                0 => return Ok(false),
+                read => self.bytes.0 += read as u64,
+            }
+            let whole = self.sealed.pop_if(|last| *last == 0).is_some();
+            if !whole && self.sealed.len() as u64 != LONGEST {
+                self.torn = self.sealed.len();
+                return Ok(false);
+            }
+            let content = unseal(&mut self.sealed).ok().and_then(<[u8]>::split_first);
+            match content {
+                Some((&kind @ 1..=2, rest)) if whole && rest.len() >= 8 => {
+                    let (time, bytes) = rest.split_at(8);
+                    let time = time.iter().rev().fold(0, |t, &b| t << 8 | u64::from(b));
+                    piece.time = Duration::from_micros(time);
+                    piece.way = if kind == 1 { Direction::FromBoard } else { Direction::ToBoard };
+                    piece.bytes.clear();
+                    piece.bytes.extend_from_slice(bytes);
+                    return Ok(true);
+                }
+                _ => self.damaged += 1,
+            }
+        }
+    }
+
     fn with(self, pieces: Vec<Piece>) -> Recording {
         Recording { header: self.header, pieces, torn: self.torn, damaged: self.damaged }
     }
@@ -276,32 +314,8 @@ impl<R: BufRead> Iterator for Pieces<R> {
     type Item = io::Result<Piece>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        loop {
-            self.sealed.clear();
-            match self.reader.by_ref().take(LONGEST).read_until(0, &mut self.sealed) {
-                Err(error) => return Some(Err(error)),
-                Ok(0) => return None,
-                Ok(read) => self.bytes.0 += read as u64,
-            }
-            let whole = self.sealed.pop_if(|last| *last == 0).is_some();
-            if !whole && self.sealed.len() as u64 != LONGEST {
-                self.torn = self.sealed.len();
-                return None;
-            }
-            let content = unseal(&mut self.sealed).ok().and_then(<[u8]>::split_first);
-            match content {
-                Some((&kind @ 1..=2, rest)) if whole && rest.len() >= 8 => {
-                    let (time, bytes) = rest.split_at(8);
-                    let time = time.iter().rev().fold(0, |t, &b| t << 8 | u64::from(b));
-                    return Some(Ok(Piece {
-                        time: Duration::from_micros(time),
-                        way: if kind == 1 { Direction::FromBoard } else { Direction::ToBoard },
-                        bytes: bytes.to_vec(),
-                    }));
-                }
-                _ => self.damaged += 1,
-            }
-        }
+        let mut piece = Piece::EMPTY;
+        self.read(&mut piece).map(|there| there.then_some(piece)).transpose()
     }
 }
 

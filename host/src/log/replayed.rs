@@ -1,6 +1,5 @@
 //! What a recording tells: the grasps that were sent, and what the board made of them.
 
-use std::borrow::Borrow;
 use std::io::{self, Write};
 use std::time::Duration;
 
@@ -77,7 +76,8 @@ impl Recording {
             unknown: Map::new(),
         };
         let mut estimates = Vec::new();
-        let rest = listen(header, &mut self.pieces.iter(), &mut |heard| match heard {
+        let pieces = |ear: &mut dyn FnMut(&Piece)| self.pieces.iter().for_each(ear);
+        let rest = listen(header, pieces, &mut |heard| match heard {
             Heard::Forgotten => {
                 log.grasps.clear();
                 estimates.clear();
@@ -125,15 +125,16 @@ pub struct Rest {
 }
 
 /// Decodes both directions, pairs commands with replies, and tells `hear` of every grasp as it comes
-/// about: for recordings that are too long to be held at once.
-pub fn listen<P: Borrow<Piece>>(
+/// about: for recordings that are too long to be held at once. `pieces` puts one after the other to the
+/// ear that it is given.
+pub fn listen(
     header: &Header,
-    pieces: &mut dyn Iterator<Item = P>,
+    pieces: impl FnOnce(&mut dyn FnMut(&Piece)),
     hear: &mut dyn FnMut(Heard),
 ) -> Rest {
     match header.dimension {
-        2 => listen_in::<Planar, P>(header, pieces, hear),
-        _ => listen_in::<Spatial, P>(header, pieces, hear),
+        2 => listen_in::<Planar>(header, pieces, hear),
+        _ => listen_in::<Spatial>(header, pieces, hear),
     }
 }
 
@@ -153,17 +154,15 @@ struct Collector<'a, S: WireSpace> {
 
 /// The number with the fewest digits that is still this `f32`, so that 0.001 stays 0.001.
 fn shortest(value: f32) -> f64 {
+    const POWERS: [f64; 13] = [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12];
     let exact = f64::from(value);
-    // Long recordings hold many. Whole numbers and powers of ten are exact, and their quotient is rounded as
-    // it is when the digits are read.
+    // Long recordings hold many. Whole numbers and powers of ten are exact, their quotient is rounded as it
+    // is when the digits are read, and where some digits are enough, more are.
     if (1e-4..1e4).contains(&exact.abs()) {
-        let mut power = 1.0;
-        while power <= 1e12 {
-            let short = (exact * power).round() / power;
-            if short as f32 == value {
-                return short;
-            }
-            power *= 10.0;
+        let short = |power: &f64| (exact * power).round() / power;
+        let enough = POWERS.partition_point(|power| short(power) as f32 != value);
+        if let Some(power) = POWERS.get(enough) {
+            return short(power);
         }
     }
     value.to_string().parse().unwrap_or(exact)
@@ -185,9 +184,9 @@ fn empty_grasp(index: u64) -> LoggedGrasp {
     }
 }
 
-fn listen_in<S: Bridge + WireSpace, P: Borrow<Piece>>(
+fn listen_in<S: Bridge + WireSpace>(
     header: &Header,
-    pieces: &mut dyn Iterator<Item = P>,
+    pieces: impl FnOnce(&mut dyn FnMut(&Piece)),
     hear: &mut dyn FnMut(Heard),
 ) -> Rest {
     let mut collector = Collector::<S> {
@@ -211,47 +210,28 @@ fn listen_in<S: Bridge + WireSpace, P: Borrow<Piece>>(
     let mut to_board = Decoder::<Command<S>>::new();
     let mut from_board = Decoder::<Report<S>>::new();
     let mut pending: Option<(u8, Command<S>)> = None;
-    for piece in pieces {
-        let piece: &Piece = piece.borrow();
+    pieces(&mut |piece| {
         collector.rest.duration = piece.time;
-        for &byte in &piece.bytes {
+        let mut left = &piece.bytes[..];
+        while !left.is_empty() {
             match piece.way {
                 Direction::ToBoard => {
-                    if let Some(Ok(Received { frame, arrival: Arrival::New })) = to_board.push(byte)
-                    {
+                    let (taken, rest) = to_board.take(left);
+                    left = rest;
+                    if let Some(Ok(Received { frame, arrival: Arrival::New })) = taken {
                         pending = Some((frame.sequence, frame.message));
                     }
                 }
                 Direction::FromBoard => {
-                    let Some(Ok(received)) = from_board.push(byte) else { continue };
-                    match received.frame.message {
-                        Report::Hello(hello) => collector.rest.hello = Some(hello),
-                        Report::Health(health) => collector.rest.health = Some(health),
-                        Report::Estimate(estimate) => collector.estimate = Some(estimate),
-                        Report::Mode(frame) => collector.mode(&frame),
-                        Report::Face(_)
-                        | Report::Contact(_)
-                        | Report::Finger(_)
-                        | Report::Choice(_) => {}
-                        Report::Felt(frame) if received.arrival != Arrival::Doubled => {
-                            collector.felt.push(frame);
-                        }
-                        Report::Felt(_) => {}
-                        Report::Reply(reply) => {
-                            let command = pending.take_if(|(sequence, _)| *sequence == reply.to);
-                            match command {
-                                Some((_, command)) if reply.refusal.is_none() => {
-                                    collector.obeyed(command, piece.time);
-                                }
-                                Some(_) => collector.rest.refused += 1,
-                                None => {}
-                            }
-                        }
+                    let (taken, rest) = from_board.take(left);
+                    left = rest;
+                    if let Some(Ok(received)) = taken {
+                        collector.answered(received, &mut pending, piece.time);
                     }
                 }
             }
         }
-    }
+    });
     collector.tell();
     collector.rest.to_board = *to_board.counters();
     collector.rest.from_board = *from_board.counters();
@@ -259,6 +239,29 @@ fn listen_in<S: Bridge + WireSpace, P: Borrow<Piece>>(
 }
 
 impl<S: Bridge + WireSpace> Collector<'_, S> {
+    /// What the board says; a reply is to the command that is `pending`.
+    fn answered(
+        &mut self,
+        received: Received<Report<S>>,
+        pending: &mut Option<(u8, Command<S>)>,
+        time: Duration,
+    ) {
+        match received.frame.message {
+            Report::Hello(hello) => self.rest.hello = Some(hello),
+            Report::Health(health) => self.rest.health = Some(health),
+            Report::Estimate(estimate) => self.estimate = Some(estimate),
+            Report::Mode(frame) => self.mode(&frame),
+            Report::Face(_) | Report::Contact(_) | Report::Finger(_) | Report::Choice(_) => {}
+            Report::Felt(frame) if received.arrival != Arrival::Doubled => self.felt.push(frame),
+            Report::Felt(_) => {}
+            Report::Reply(reply) => match pending.take_if(|(sequence, _)| *sequence == reply.to) {
+                Some((_, command)) if reply.refusal.is_none() => self.obeyed(command, time),
+                Some(_) => self.rest.refused += 1,
+                None => {}
+            },
+        }
+    }
+
     fn obeyed(&mut self, command: Command<S>, time: Duration) {
         match command {
             Command::Hello { .. } | Command::Ping | Command::Query(_) => {}
@@ -333,9 +336,9 @@ impl<S: Bridge + WireSpace> Collector<'_, S> {
 
     /// A board that forgets starts a new log: the last object is what a recording is of.
     fn forget(&mut self) {
+        self.tell();
         self.grasp = empty_grasp(0);
         self.estimate = None;
-        self.done = None;
         (self.hear)(Heard::Forgotten);
     }
 

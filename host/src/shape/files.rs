@@ -115,17 +115,35 @@ impl Soup {
 /// # Errors
 /// When the file cannot be read, is of no known format, is malformed, or holds no triangles.
 pub fn read_mesh(path: &Path) -> Result<Mesh, FileError> {
+    let parse = parser(path)?;
+    mesh(path, &read(path)?, parse)
+}
+
+/// The same of a file's bytes, which `path` only names.
+///
+/// # Errors
+/// Those of [`read_mesh`] but for reading.
+pub fn parse_mesh(path: &Path, bytes: &[u8]) -> Result<Mesh, FileError> {
+    mesh(path, bytes, parser(path)?)
+}
+
+type Parser = fn(&[u8]) -> Result<Soup, Wrong>;
+
+/// By the ending of the name.
+fn parser(path: &Path) -> Result<Parser, FileError> {
     let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-    let parse = match ending.as_str() {
-        "ply" => ply::parse,
-        "stl" => stl::parse,
-        "obj" => obj::parse,
-        "off" => off::parse,
-        _ => return Err(FileError::Ending { file: path.into() }),
-    };
-    let bytes = read(path)?;
+    match ending.as_str() {
+        "ply" => Ok(ply::parse),
+        "stl" => Ok(stl::parse),
+        "obj" => Ok(obj::parse),
+        "off" => Ok(off::parse),
+        _ => Err(FileError::Ending { file: path.into() }),
+    }
+}
+
+fn mesh(path: &Path, bytes: &[u8], parse: Parser) -> Result<Mesh, FileError> {
     let content = |wrong| content(path, wrong);
-    let soup = parse(&bytes).map_err(content)?;
+    let soup = parse(bytes).map_err(content)?;
     if soup.triangles.is_empty() {
         let end = Place::Byte(bytes.len());
         return Err(content(Wrong::new(end, "at least one triangle", "none")));

@@ -1,17 +1,17 @@
 //! Recordings of a link as scenes that play and as MCAP files: read as they go, in bounded memory, so that
 //! hours are no trouble.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::io::{self, BufRead, Write};
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::sync_channel;
+use std::sync::mpsc::{channel, sync_channel};
 use std::thread;
 
 use nalgebra::{Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
+use crate::log::Noise;
 use crate::log::recording::{Header, Piece, Pieces, RecordingError};
 use crate::log::replayed::{Heard, Rest, listen};
-use crate::log::{LoggedGrasp, Noise};
 use crate::reference::Contact;
 use crate::slam::choose::Choice;
 use crate::slam::free::Free;
@@ -50,10 +50,8 @@ pub struct Recorded {
     pub count: u64,
     /// What the file lacks, one sentence each.
     pub missing: Vec<String>,
-    path: PathBuf,
+    title: String,
     header: Header,
-    /// How often the board was told to begin anew.
-    begun: usize,
     /// Grasps that one of `grasps` stands for.
     stride: u64,
     rest: Rest,
@@ -64,6 +62,26 @@ pub struct Recorded {
     surfaces: Vec<Grown>,
 }
 
+/// Why there is no film.
+#[derive(Debug, thiserror::Error)]
+pub enum FilmError {
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// There is nothing to see.
+    #[error("{}: expected at least one whole grasp, found none", file.display())]
+    Empty {
+        /// The recording.
+        file: PathBuf,
+    },
+    /// The film cannot be written.
+    #[error("cannot write: {0}")]
+    Film(#[from] io::Error),
+}
+
+/// Takes what is heard, and how much of the file was read by then, as a share; an error ends the reading.
+type Witness<'a> = &'a mut dyn FnMut(&Heard, f64) -> io::Result<()>;
+
 impl Recorded {
     /// Reads a file to its end and tells `progress` in megabytes. What is torn, damaged or missing is said.
     ///
@@ -71,31 +89,105 @@ impl Recorded {
     /// When the file cannot be read or does not start with a whole header.
     pub fn read(path: &Path, progress: Progress<'_>) -> Result<Recorded, RecordingError> {
         let mut pieces = Pieces::open(path)?;
-        let header = pieces.header.clone();
-        let dimension = header.dimension;
-        let mut timeline = Timeline::default();
-        let (mut count, mut begun) = (0, 0);
-        let mut hear = |heard| match heard {
-            Heard::Forgotten => {
-                timeline = Timeline::default();
-                (count, begun) = (0, begun + 1);
-            }
+        // Nobody is told, so that nothing fails.
+        let (recorded, _) = Recorded::hear(path, &mut pieces, progress, &mut |_, _| Ok(()));
+        Ok(recorded)
+    }
+
+    /// Reads a file like [`Recorded::read`] and writes it as MCAP ([`mcap`]) meanwhile: every grasp, also those
+    /// of objects before the last, and in the end the surfaces of the last as it grew.
+    ///
+    /// # Errors
+    /// When the file cannot be read, does not start with a whole header or holds no grasp: nothing is written
+    /// then; when `out` fails.
+    pub fn film(
+        path: &Path,
+        out: impl Write,
+        progress: Progress<'_>,
+    ) -> Result<Recorded, FilmError> {
+        let mut pieces = Pieces::open(path)?;
+        let title = title(path, &pieces.header);
+        let fingers = pieces.header.fingers.clone();
+        let heading = mcap::Heading { title: &title, fingers: &fingers, grasps: 0 };
+        let mut out = Some(out);
+        let mut film = None;
+        let mut grasps = 0;
+        let mut witness = |heard: &Heard, share: f64| match heard {
+            Heard::Forgotten => film.as_mut().map_or(Ok(()), mcap::Recording::begin_anew),
             Heard::Grasp(grasp, estimate) => {
-                count += 1;
-                timeline.push(match estimate {
-                    // Of the covariance only the diagonal is recorded: the entropy is not known.
-                    Some(estimate) => Grasp {
-                        entropy: None,
-                        ..Grasp::estimated(&grasp, &Step::from(&estimate), dimension)
-                    },
-                    None => Grasp::felt(&grasp),
-                });
+                if let Some(out) = out.take() {
+                    film = Some(mcap::Recording::new(out, &heading)?);
+                }
+                let Some(film) = &mut film else { return Ok(()) };
+                grasps += 1;
+                film.expect((f64::from(grasps) / share.clamp(1e-6, 1.0)).round() as usize);
+                film.grasp(grasp, estimate.as_ref().map(Step::from).as_ref())
             }
         };
-        let (rest, failed) =
-            ahead(&mut pieces, progress, |pieces| listen(&header, pieces, &mut hear));
+        let (recorded, heard) = Recorded::hear(path, &mut pieces, progress, &mut witness);
+        heard?;
+        let Some(mut film) = film else { return Err(FilmError::Empty { file: path.into() }) };
+        for grown in &recorded.surfaces {
+            let seconds = recorded.grasps.get(grown.grasp).and_then(|g| g.time);
+            let seconds = seconds.unwrap_or(f64::INFINITY);
+            film.earlier_surface(seconds, &grown.geometry, &grown.deviations)?;
+        }
+        film.finish()?;
+        Ok(recorded)
+    }
+
+    /// What the pieces tell, and whether the witness failed.
+    fn hear(
+        path: &Path,
+        pieces: &mut Pieces<impl BufRead + Send>,
+        progress: Progress<'_>,
+        witness: Witness<'_>,
+    ) -> (Recorded, io::Result<()>) {
+        let header = pieces.header.clone();
+        let dimension = header.dimension;
+        let all = pieces.bytes.1.unwrap_or(0).max(1) as f64;
+        let read = Cell::new(pieces.bytes.0 as f64);
+        let failed: RefCell<Option<io::Error>> = RefCell::new(None);
+        let mut timeline = Timeline::default();
+        let mut count = 0;
+        let mut hear = |heard: Heard| {
+            if failed.borrow().is_some() {
+                return;
+            }
+            *failed.borrow_mut() = witness(&heard, read.get() / all).err();
+            match heard {
+                Heard::Forgotten => {
+                    timeline = Timeline::default();
+                    count = 0;
+                }
+                Heard::Grasp(grasp, estimate) => {
+                    count += 1;
+                    timeline.push(match estimate {
+                        // Of the covariance only the diagonal is recorded: the entropy is not known.
+                        Some(estimate) => Grasp {
+                            entropy: None,
+                            ..Grasp::estimated(&grasp, &Step::from(&estimate), dimension)
+                        },
+                        None => Grasp::felt(&grasp),
+                    });
+                }
+            }
+        };
+        let mut broken = None;
+        let listened = |ear: &mut dyn FnMut(&Piece)| {
+            broken = ahead(pieces, progress, &mut |piece| {
+                read.set(read.get() + (piece.bytes.len() + SEALED) as f64);
+                ear(piece);
+                failed.borrow().is_none()
+            });
+        };
+        let rest = listen(&header, listened, &mut hear);
+        if let Some(error) = failed.into_inner() {
+            let recorded = Recorded::made(path, header, count, Vec::new(), timeline, rest);
+            return (recorded, Err(error));
+        }
         let mut missing = Vec::new();
-        if let Some(error) = failed {
+        if let Some(error) = broken {
             missing.push(format!("The recording could not be read to its end: {error}."));
         }
         if pieces.torn > 0 {
@@ -107,6 +199,18 @@ impl Recorded {
         if pieces.damaged > 0 {
             missing.push(format!("{} damaged pieces are left out.", pieces.damaged));
         }
+        (Recorded::made(path, header, count, missing, timeline, rest), Ok(()))
+    }
+
+    /// `missing` says what the file lacks; what the link lost and the board did not say is added.
+    fn made(
+        path: &Path,
+        header: Header,
+        count: u64,
+        mut missing: Vec<String>,
+        timeline: Timeline,
+        rest: Rest,
+    ) -> Recorded {
         let bad = rest.from_board.damaged() + rest.to_board.damaged();
         if bad > 0 {
             missing.push(format!("{bad} frames of the link were damaged and are left out."));
@@ -119,19 +223,9 @@ impl Recorded {
         if count > 0 && grasps.iter().all(|g| g.pose.is_none()) {
             missing.push("The board answered no grasp: there are no poses.".into());
         }
-        let (model, surfaces) = surfaces(dimension, &grasps, &rest.noise);
-        let path = path.to_owned();
-        Ok(Recorded { count, missing, path, header, begun, rest, stride, grasps, model, surfaces })
-    }
-
-    /// What it is: its description, or its file's name.
-    fn title(&self) -> String {
-        match self.header.description.as_str() {
-            "" => {
-                self.path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
-            }
-            described => described.to_owned(),
-        }
+        let (model, surfaces) = surfaces(header.dimension, &grasps, &rest.noise);
+        let title = title(path, &header);
+        Recorded { count, missing, title, header, stride, rest, grasps, model, surfaces }
     }
 
     /// A scene that plays. What is left out for its length is said, too.
@@ -161,7 +255,7 @@ impl Recorded {
                 ("contacts".into(), contacts.to_string()),
             ],
             missing,
-            ..Meta::new(self.header.dimension, self.title())
+            ..Meta::new(self.header.dimension, self.title)
         };
         Scene { meta, grasps: self.grasps, surfaces, choices: Vec::new() }
     }
@@ -170,83 +264,72 @@ impl Recorded {
     fn last_grasp(&self, grown: &Grown) -> u64 {
         self.grasps.get(grown.grasp).map_or(0, |g| g.grasp)
     }
+}
 
-    /// Writes it as MCAP ([`mcap`]): every grasp, and the surface as it grew. Reads the file once more, and
-    /// tells `progress` how far it is, in megabytes.
-    ///
-    /// # Errors
-    /// When the file can no longer be read, or `out` cannot be written.
-    pub fn film(&self, out: impl Write, progress: Progress<'_>) -> io::Result<()> {
-        let mut pieces = Pieces::open(&self.path).map_err(io::Error::other)?;
-        let title = self.title();
-        let grasps = usize::try_from(self.count).unwrap_or(usize::MAX);
-        let heading = mcap::Heading { title: &title, fingers: &self.header.fingers, grasps };
-        let mut film = mcap::Recording::new(out, &heading)?;
-        let mut surfaces = self.surfaces.iter().peekable();
-        let mut put = |grasp: &LoggedGrasp, estimate: Option<&Step>| {
-            film.grasp(grasp, estimate)?;
-            while let Some(grown) = surfaces.next_if(|s| self.last_grasp(s) <= grasp.index) {
-                film.surface(&grown.geometry, &grown.deviations)?;
-            }
-            Ok(())
-        };
-        let mut before = self.begun;
-        let failed: RefCell<Option<io::Error>> = RefCell::new(None);
-        let mut hear = |heard| match heard {
-            Heard::Forgotten => before = before.saturating_sub(1),
-            Heard::Grasp(grasp, estimate) if before == 0 && failed.borrow().is_none() => {
-                let estimate = estimate.as_ref().map(Step::from);
-                *failed.borrow_mut() = put(&grasp, estimate.as_ref()).err();
-            }
-            Heard::Grasp(..) => {}
-        };
-        ahead(&mut pieces, progress, |pieces| {
-            // After an error nothing more is listened to.
-            let mut pieces = pieces.take_while(|_| failed.borrow().is_none());
-            listen(&self.header, &mut pieces, &mut hear)
-        });
-        if let Some(error) = failed.into_inner() {
-            return Err(error);
-        }
-        film.finish()
+/// What a recording is: its description, or its file's name.
+fn title(path: &Path, header: &Header) -> String {
+    match header.description.as_str() {
+        "" => path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned()),
+        described => described.to_owned(),
     }
 }
+
+/// Bytes of a piece in the file beside those that passed: kind, time, checksum, stuffing, delimiter.
+const SEALED: usize = 15;
 
 /// Pieces that are handed over together, and how many such hands may wait.
 const BATCH: usize = 1_024;
 const WAITING: usize = 8;
 
-/// What `work` makes of the pieces, which are read and checked on another thread before it needs them, and
-/// why they ended too early, where they did. `progress` is told in megabytes.
-fn ahead<R: BufRead + Send, T>(
+/// Tells `ear` of one piece after the other until it has enough, while another thread reads and checks the
+/// next ones; says why they ended too early, where they did. `progress` is told in megabytes.
+fn ahead<R: BufRead + Send>(
     pieces: &mut Pieces<R>,
     progress: Progress<'_>,
-    work: impl FnOnce(&mut dyn Iterator<Item = Piece>) -> T,
-) -> (T, Option<io::Error>) {
+    ear: &mut dyn FnMut(&Piece) -> bool,
+) -> Option<io::Error> {
     const MEGABYTE: u64 = 1 << 20;
     thread::scope(|scope| {
         let (send, receive) = sync_channel::<Vec<Piece>>(WAITING);
+        // Batches that were heard serve again: a long recording has millions of pieces.
+        let (give_back, heard) = channel::<Vec<Piece>>();
         let reader = scope.spawn(move || {
-            let mut failed = None;
             loop {
-                let sound = pieces.by_ref().map_while(|p| p.map_err(|e| failed = Some(e)).ok());
-                let batch: Vec<Piece> = sound.take(BATCH).collect();
+                let mut batch = heard.try_recv().unwrap_or_default();
+                let (count, failed) = fill(pieces, &mut batch);
+                batch.truncate(count);
                 if let (done, Some(all)) = pieces.bytes {
                     progress((done / MEGABYTE) as usize, all.div_ceil(MEGABYTE) as usize);
                 }
-                let last = batch.len() < BATCH;
-                // Nobody takes it where `work` has seen enough.
-                if send.send(batch).is_err() || last {
+                // Nobody takes it where `ear` has heard enough.
+                if send.send(batch).is_err() || count < BATCH {
                     return failed;
                 }
             }
         });
-        let made = work(&mut receive.into_iter().flatten());
-        let failed = reader
+        for batch in receive {
+            if !batch.iter().all(&mut *ear) {
+                break;
+            }
+            let _ = give_back.send(batch);
+        }
+        reader
             .join()
-            .unwrap_or_else(|_| Some(io::Error::other("the thread that reads it broke off")));
-        (made, failed)
+            .unwrap_or_else(|_| Some(io::Error::other("the thread that reads it broke off")))
     })
+}
+
+/// Reads pieces in the places of those in `batch`; how many came, and what went wrong.
+fn fill<R: BufRead>(pieces: &mut Pieces<R>, batch: &mut Vec<Piece>) -> (usize, Option<io::Error>) {
+    batch.resize_with(BATCH, || Piece::EMPTY);
+    for (count, place) in batch.iter_mut().enumerate() {
+        match pieces.read(place) {
+            Ok(true) => {}
+            Ok(false) => return (count, None),
+            Err(error) => return (count, Some(error)),
+        }
+    }
+    (BATCH, None)
 }
 
 /// Surfaces of the contacts that the timeline holds, at its poses, and the name of their model; none

@@ -86,9 +86,9 @@ fn a_recording_becomes_a_film_with_its_surface_growing() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("session.tac");
     fs::write(&path, &bytes).unwrap();
-    let recorded = Recorded::read(&path, &|_, _| ()).unwrap();
     let mut film = Vec::new();
-    recorded.film(&mut film, &|_, _| ()).unwrap();
+    let recorded = Recorded::film(&path, &mut film, &|_, _| ()).unwrap();
+    assert_eq!((recorded.count, recorded.missing), (10, vec![]));
     let mut times: std::collections::BTreeMap<String, Vec<u64>> = Default::default();
     for message in ::mcap::MessageStream::new(&film).unwrap() {
         let message = message.unwrap();
@@ -103,18 +103,22 @@ fn a_recording_becomes_a_film_with_its_surface_growing() {
     assert!(surfaces.len() > 3 && surfaces.is_sorted(), "{surfaces:?}");
     assert!(surfaces[0] < times["/pose"][5]);
     assert_eq!(surfaces.last(), times["/pose"].last());
-    // What was recorded after the board began anew is another object's.
+    // Contacts are coloured from the first grasp to the last, though nobody said how many would come.
+    let reds: Vec<u8> = contacts_of(&film).iter().map(|data| red(data)).collect();
+    assert!(reds[0] > 0xe0 && reds[9] < 0x50 && reds.is_sorted_by(|a, b| a >= b), "{reds:x?}");
+    // When the board begins anew, contacts of the object before are taken away, and its grasps stay.
     let header = bytes.iter().position(|&b| b == 0).unwrap() + 1;
     let twice = [&bytes[..], &bytes[header..]].concat();
     fs::write(&path, twice).unwrap();
-    let recorded = Recorded::read(&path, &|_, _| ()).unwrap();
-    assert_eq!(recorded.count, 10);
     let mut again = Vec::new();
-    recorded.film(&mut again, &|_, _| ()).unwrap();
-    assert_eq!(
-        ::mcap::Summary::read(&again).unwrap().unwrap().stats.unwrap().message_count,
-        ::mcap::Summary::read(&film).unwrap().unwrap().stats.unwrap().message_count
-    );
+    let recorded = Recorded::film(&path, &mut again, &|_, _| ()).unwrap();
+    assert_eq!(recorded.count, 10, "of the last object");
+    assert_eq!(contacts_of(&again).len(), 20);
+    // Without a grasp there is no film.
+    fs::write(&path, &bytes[..header]).unwrap();
+    let mut none = Vec::new();
+    let error = Recorded::film(&path, &mut none, &|_, _| ()).unwrap_err();
+    assert!(error.to_string().contains("at least one whole grasp") && none.is_empty());
     // A disk that is full is told.
     struct Full;
     impl Write for Full {
@@ -125,5 +129,20 @@ fn a_recording_becomes_a_film_with_its_surface_growing() {
             Ok(())
         }
     }
-    assert_eq!(recorded.film(Full, &|_, _| ()).unwrap_err().kind(), io::ErrorKind::StorageFull);
+    fs::write(&path, &bytes).unwrap();
+    match Recorded::film(&path, Full, &|_, _| ()) {
+        Err(FilmError::Film(error)) => assert_eq!(error.kind(), io::ErrorKind::StorageFull),
+        other => panic!("{other:?}"),
+    }
+}
+
+/// The messages of `/contacts`.
+fn contacts_of(film: &[u8]) -> Vec<Vec<u8>> {
+    let messages = ::mcap::MessageStream::new(film).unwrap().map(Result::unwrap);
+    messages.filter(|m| m.channel.topic == "/contacts").map(|m| m.data.to_vec()).collect()
+}
+
+/// How red the first of the five points is: 44 bytes each, before the byte that ends the message.
+fn red(cloud: &[u8]) -> u8 {
+    cloud[cloud.len() - 1 - 5 * 44 + 24 + 2]
 }

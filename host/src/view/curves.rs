@@ -186,8 +186,10 @@ fn draw(canvas: &mut Canvas, frame: &Frame, plot: &Plot) {
         .collect();
     places.sort_by(f64::total_cmp);
     places.dedup();
+    let widest = places.iter().map(|x| canvas.text_width(quiet, &label(*x))).fold(0.0, f32::max);
+    let step = stride(&places, |x| axes.pixel(x, 1.0)[0], widest + 8.0);
     let mut free = f32::NEG_INFINITY;
-    for x in places {
+    for x in places.into_iter().step_by(step) {
         let at = axes.pixel(x, 1.0)[0];
         if at > free {
             let below = [at, within.bottom() + 20.0];
@@ -223,6 +225,18 @@ pub(super) fn dot(canvas: &mut Canvas, at: Pixel, series: usize) {
     }
 }
 
+/// Of places an even distance apart every so many are named, such that each name has `room` pixels; of
+/// others each that has room.
+fn stride(places: &[f64], pixel: impl Fn(f64) -> f32, room: f32) -> usize {
+    let apart: Vec<f32> = places.windows(2).map(|two| pixel(two[1]) - pixel(two[0])).collect();
+    match apart.first() {
+        Some(&first) if first > 0.0 && apart.iter().all(|gap| (gap - first).abs() < 0.5) => {
+            (room / first).ceil().max(1.0) as usize
+        }
+        _ => 1,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -239,6 +253,16 @@ mod tests {
         let small = rungs((-1.1, -0.6));
         assert_eq!(small.len(), 2);
         assert!((small[0] - 0.1).abs() < 1e-12 && (small[1] - 0.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn even_places_are_named_evenly_and_others_as_there_is_room() {
+        let pixel = |x: f64| 10.0 * x as f32;
+        assert_eq!(stride(&[2.5, 7.5, 12.5, 17.5], pixel, 60.0), 2);
+        assert_eq!(stride(&[2.5, 7.5, 12.5, 17.5], pixel, 50.0), 1);
+        assert_eq!(stride(&[5.0, 10.0, 15.0, 40.0], pixel, 90.0), 1);
+        assert_eq!(stride(&[1.0, 1.0, 1.0], pixel, 9.0), 1);
+        assert_eq!(stride(&[3.0], pixel, 9.0), 1);
     }
 
     #[test]

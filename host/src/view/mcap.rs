@@ -3,6 +3,8 @@
 //! Profile `ros2`, messages in CDR, schemas in `ros2msg`, chunks of a megabyte compressed by LZ4,
 //! indexed. Metres, radians and unit quaternions as ROS has them; lengths in millimetres and angles
 //! in degrees where a topic's name says so. Times are seconds since the start of the recording.
+//! Messages are in the order of their times but for the surfaces of a recording of a link, which are known when
+//! it was read to its end, and stand there with the times at which they were so.
 //! Points carry their colour twice: `rgba` as RViz and Foxglove read it, `colors` as Rerun does.
 //!
 //! | topic | type | frame | what |
@@ -85,7 +87,7 @@ pub struct Heading<'a> {
     pub title: &'a str,
     /// Names of the fingers, in the order of their numbers.
     pub fingers: &'a [String],
-    /// How many grasps will come: contacts are coloured along them.
+    /// How many grasps will come, as far as that is known: contacts are coloured along them.
     pub grasps: usize,
 }
 
@@ -178,11 +180,7 @@ impl<W: Write> Recording<W> {
             .disable_seeking(true)
             .create(NoSeek::new(out))
             .map_err(io_error)?;
-        let about = [
-            ("title", heading.title.to_owned()),
-            ("fingers", heading.fingers.join(",")),
-            ("grasps", heading.grasps.to_string()),
-        ];
+        let about = [("title", heading.title.to_owned()), ("fingers", heading.fingers.join(","))];
         let metadata = about.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
         writer.write_metadata(&Metadata { name: "tactile".into(), metadata }).map_err(io_error)?;
         Ok(Recording {
@@ -199,6 +197,22 @@ impl<W: Write> Recording<W> {
             sent: 0,
             gauge: None,
         })
+    }
+
+    /// How many grasps will come in all, as it looks now.
+    pub fn expect(&mut self, grasps: usize) {
+        self.expected = grasps;
+    }
+
+    /// What follows is of another object: contacts and frame of the one before count no longer.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn begin_anew(&mut self) -> io::Result<()> {
+        let felt = std::mem::take(&mut self.felt);
+        (self.sent, self.stride, self.status, self.gauge) = (0, 1, None, None);
+        self.placed = Cloud::new(&FELT);
+        if felt > 0 { self.contacts_so_far() } else { Ok(()) }
     }
 
     /// One grasp: what was felt, in the world frame, and what was made of it. A grasp without a time
@@ -314,6 +328,25 @@ impl<W: Write> Recording<W> {
             cloud.floats([deviation]);
         }
         self.send("/surface/points", cloud.message(stamp))
+    }
+
+    /// The estimated shape as it was known at a time that is over, in seconds as grasps have it: which
+    /// it was is often known in the end only. Readers go by the times of messages, not by their places
+    /// in the file.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn earlier_surface(
+        &mut self,
+        seconds: f64,
+        geometry: &Geometry,
+        deviations: &[f64],
+    ) -> io::Result<()> {
+        let now = self.now;
+        self.now = nanoseconds(seconds).min(now);
+        let written = self.surface(geometry, deviations);
+        self.now = now;
+        written
     }
 
     /// The true shape in its own frame.

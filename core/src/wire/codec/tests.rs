@@ -16,11 +16,24 @@ fn wire<M: serde::Serialize>(sequence: u8, time: u32, message: M) -> Vec<u8> {
     encode(&Frame { sequence, time: Clock(time), message }, &mut buffer).unwrap().to_vec()
 }
 
-fn decode_all<M: serde::de::DeserializeOwned>(
+fn decode_all<M: serde::de::DeserializeOwned + PartialEq + core::fmt::Debug>(
     bytes: &[u8],
 ) -> (Decoder<M>, Vec<Result<Received<M>, FrameError>>) {
     let mut decoder = Decoder::new();
-    let frames = bytes.iter().filter_map(|&b| decoder.push(b)).collect();
+    let frames: Vec<_> = bytes.iter().filter_map(|&b| decoder.push(b)).collect();
+    // Many at once are as one by one, wherever they are cut.
+    let mut many = Decoder::new();
+    let mut again = Vec::new();
+    for mut piece in bytes.chunks(7) {
+        while !piece.is_empty() {
+            let (frame, rest) = many.take(piece);
+            again.extend(frame);
+            piece = rest;
+        }
+    }
+    assert_eq!(again, frames);
+    assert_eq!(many.counters(), decoder.counters());
+    assert_eq!(many.is_inside_frame(), decoder.is_inside_frame());
     (decoder, frames)
 }
 
