@@ -6,7 +6,7 @@ use crate::experts::{self, Experts};
 use crate::reference::body::Body;
 use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::hyper::{Belief, Found, Search};
-use crate::reference::{Contact, Faces, Gpis, Kernel, Prior, Training};
+use crate::reference::{Contact, Doubt, Faces, Gpis, Kernel, Prior, Training};
 use crate::shape::polytope::assemble;
 use crate::slam::choose::{DOUBT, doubt};
 use crate::slam::free::{Free, open};
@@ -137,6 +137,31 @@ pub fn model_of(
     Ok(Model { kernel, body: best.body, noise, evidence: best.evidence })
 }
 
+/// What these contacts leave open beside the model that suits them: a surface about a ball of unknown
+/// centre and radius, which no `free` point lies inside of. About a ball that was only a start
+/// ([`Body::is_start`]) nothing is settled, and this surface is all there is. `None` without contacts,
+/// and where they are too coincident for a dense surface.
+pub fn open_beside(
+    dimension: usize,
+    contacts: &[Contact],
+    free: &[Free],
+    body: Option<&Body>,
+) -> Option<Doubt> {
+    let Some(Prior::Ball { radius, .. }) = Prior::fitted(contacts) else { return None };
+    let ball = Body::doubtful_ball(dimension, contacts)?;
+    let search = usual(dimension, contacts);
+    let judging = spread(contacts, JUDGING);
+    let Candidate { body: ball, found, .. } =
+        Candidate::new(dimension, &judging, radius, ball, search).ok()?;
+    let noise = found.noise * exactness(dimension, contacts);
+    let deciding: Vec<Contact> =
+        spread(contacts, DECIDING).iter().map(|c| c.with_noise(noise)).collect();
+    let surface = open(dimension, found.kernel, ball, &deciding, free).ok()?;
+    let settled = body.is_none_or(|body| !body.is_start());
+    let share = if settled { Doubt::share(dimension, contacts.len()) } else { 1.0 };
+    Some(Doubt::new(surface, share))
+}
+
 /// The same about a ball by local experts, for any number of contacts.
 ///
 /// # Errors
@@ -175,14 +200,19 @@ fn exactness(dimension: usize, contacts: &[Contact]) -> f64 {
     (rows / (rows - exact).max(1.0)).sqrt()
 }
 
+/// What is believed about a ball's process, with the noise that the contacts state as the likeliest.
+fn usual(dimension: usize, contacts: &[Contact]) -> Search {
+    let usual = Search::default();
+    let honest = 1.0 / exactness(dimension, contacts);
+    let noise = usual.noise.map(|belief| Belief { mode: belief.mode * honest, ..belief });
+    Search { noise, ..usual }
+}
+
 /// What the process may be about, the ball first, with what is believed of the rest.
 ///
 /// Where poses leave the normals in doubt, contacts fit any body: then there is the ball alone.
 fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
-    let usual = Search::default();
-    let honest = 1.0 / exactness(dimension, contacts);
-    let noise = usual.noise.map(|belief| Belief { mode: belief.mode * honest, ..belief });
-    let usual = Search { noise, ..usual };
+    let usual = usual(dimension, contacts);
     let ball = Body::ball(dimension, contacts).map(|body| (body, usual));
     let doubt = doubt(contacts);
     if doubt.is_finite() && doubt > DOUBT {
