@@ -141,6 +141,9 @@ pub fn model_of(
 /// centre and radius, which no `free` point lies inside of. About a ball that was only a start
 /// ([`Body::is_start`]) nothing is settled, and this surface is all there is. `None` without contacts,
 /// and where they are too coincident for a dense surface.
+///
+/// Its hyper-parameters are not fitted: contacts that lie close to a ball would say that the rest does,
+/// too. By how much it differs is of the size of the ball, over the length that suits most objects.
 pub fn open_beside(
     dimension: usize,
     contacts: &[Contact],
@@ -149,14 +152,9 @@ pub fn open_beside(
 ) -> Option<Doubt> {
     let Some(Prior::Ball { radius, .. }) = Prior::fitted(contacts) else { return None };
     let ball = Body::doubtful_ball(dimension, contacts)?;
-    let search = usual(dimension, contacts);
-    let judging = spread(contacts, JUDGING);
-    let Candidate { body: ball, found, .. } =
-        Candidate::new(dimension, &judging, radius, ball, search).ok()?;
-    let noise = found.noise * exactness(dimension, contacts);
-    let deciding: Vec<Contact> =
-        spread(contacts, DECIDING).iter().map(|c| c.with_noise(noise)).collect();
-    let surface = open(dimension, found.kernel, ball, &deciding, free).ok()?;
+    let lengthscale = Search::default().lengthscale.mode * radius;
+    let kernel = Kernel::Matern32 { amplitude: radius, lengthscale };
+    let surface = open(dimension, kernel, ball, &spread(contacts, DECIDING), free).ok()?;
     let settled = body.is_none_or(|body| !body.is_start());
     let share = if settled { Doubt::share(dimension, contacts.len()) } else { 1.0 };
     Some(Doubt::new(surface, share))
@@ -200,19 +198,14 @@ fn exactness(dimension: usize, contacts: &[Contact]) -> f64 {
     (rows / (rows - exact).max(1.0)).sqrt()
 }
 
-/// What is believed about a ball's process, with the noise that the contacts state as the likeliest.
-fn usual(dimension: usize, contacts: &[Contact]) -> Search {
-    let usual = Search::default();
-    let honest = 1.0 / exactness(dimension, contacts);
-    let noise = usual.noise.map(|belief| Belief { mode: belief.mode * honest, ..belief });
-    Search { noise, ..usual }
-}
-
 /// What the process may be about, the ball first, with what is believed of the rest.
 ///
 /// Where poses leave the normals in doubt, contacts fit any body: then there is the ball alone.
 fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
-    let usual = usual(dimension, contacts);
+    let usual = Search::default();
+    let honest = 1.0 / exactness(dimension, contacts);
+    let noise = usual.noise.map(|belief| Belief { mode: belief.mode * honest, ..belief });
+    let usual = Search { noise, ..usual };
     let ball = Body::ball(dimension, contacts).map(|body| (body, usual));
     let doubt = doubt(contacts);
     if doubt.is_finite() && doubt > DOUBT {
@@ -303,6 +296,34 @@ mod tests {
     fn a_can_is_known_from_thirty_contacts() {
         let error = error("cylinder:0.05x0.08", 30);
         assert!(error < 1.8e-3, "{error}");
+    }
+
+    #[test]
+    fn contacts_on_one_side_leave_the_other_open() {
+        // Five touches on a tenth of an ellipse's outline fit a ball.
+        let touch = |i: i32| {
+            let (sin, cos) = (0.15 * f64::from(i)).sin_cos();
+            Contact {
+                point: Point::new(0.06 * cos, 0.03 * sin, 0.0),
+                normal: Some(Point::new(cos / 0.06, sin / 0.03, 0.0).normalize()),
+                point_deviation: 1e-3,
+                normal_deviation: 0.0873,
+            }
+        };
+        let contacts: Vec<Contact> = (-2..=2).map(touch).collect();
+        let no = |_, _| {};
+        let (_, geometry, deviations) =
+            reconstruct::shape(2, &contacts, &[], Default::default(), &no).unwrap();
+        let truth = Point::new(-0.06, 0.0, 0.0);
+        let vertices = geometry.vertices();
+        let nearest = |p: &Point| {
+            let away = |i: &usize| (vertices[*i] - p).norm();
+            (0..vertices.len()).min_by(|a, b| away(a).total_cmp(&away(b))).unwrap()
+        };
+        let far = nearest(&truth);
+        let error = (vertices[far] - truth).norm();
+        assert!(error > 0.02 && error < 1.96 * deviations[far], "{error} {}", deviations[far]);
+        assert!(deviations[nearest(&contacts[2].point)] < 1.5e-3);
     }
 
     #[test]
