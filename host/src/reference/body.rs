@@ -153,12 +153,6 @@ impl Body {
         &self.parts
     }
 
-    /// Whether it is a ball taken as certain, [`Body::ball`]: a place to start from, not a model that
-    /// contacts have confirmed.
-    pub fn is_start(&self) -> bool {
-        self.modes.is_empty()
-    }
-
     /// Nats by which its parameters are less probable, before any contact, than the most probable
     /// ones.
     pub fn oddity(&self) -> f64 {

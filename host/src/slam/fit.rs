@@ -138,26 +138,18 @@ pub fn model_of(
 }
 
 /// What these contacts leave open beside the model that suits them: a surface about a ball of unknown
-/// centre and radius, which no `free` point lies inside of. About a ball that was only a start
-/// ([`Body::is_start`]) nothing is settled, and this surface is all there is. `None` without contacts,
-/// and where they are too coincident for a dense surface.
+/// centre and radius, which no `free` point lies inside of. `None` without contacts, and where they are
+/// too coincident for a dense surface.
 ///
 /// Its hyper-parameters are not fitted: contacts that lie close to a ball would say that the rest does,
 /// too. By how much it differs is of the size of the ball, over the length that suits most objects.
-pub fn open_beside(
-    dimension: usize,
-    contacts: &[Contact],
-    free: &[Free],
-    body: Option<&Body>,
-) -> Option<Doubt> {
+pub fn open_beside(dimension: usize, contacts: &[Contact], free: &[Free]) -> Option<Doubt> {
     let Some(Prior::Ball { radius, .. }) = Prior::fitted(contacts) else { return None };
     let ball = Body::doubtful_ball(dimension, contacts)?;
     let lengthscale = Search::default().lengthscale.mode * radius;
     let kernel = Kernel::Matern32 { amplitude: radius, lengthscale };
     let surface = open(dimension, kernel, ball, &spread(contacts, DECIDING), free).ok()?;
-    let settled = body.is_none_or(|body| !body.is_start());
-    let share = if settled { Doubt::share(dimension, contacts.len()) } else { 1.0 };
-    Some(Doubt::new(surface, share))
+    Some(Doubt::new(surface, Doubt::share(dimension, contacts.len())))
 }
 
 /// The same about a ball by local experts, for any number of contacts.

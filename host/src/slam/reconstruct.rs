@@ -123,7 +123,7 @@ pub fn reconstruct_known(
     let outside: Vec<Point> = free.iter().map(|f| f.point).collect();
     Ok(match choose::known(faces, &contacts, &outside) {
         Some(shape) => {
-            let shape = shape.doubted(open_beside(log.dimension, &contacts, &free, None));
+            let shape = shape.doubted(open_beside(log.dimension, &contacts, &free));
             Reconstruction {
                 geometry: shape.geometry.clone(),
                 deviations: shape.deviations.clone(),
@@ -155,7 +155,7 @@ pub fn shape(
         Choice::Gp => None,
     };
     if let Some((_, shape)) = polytope {
-        let shape = shape.doubted(open_beside(dimension, contacts, free, None));
+        let shape = shape.doubted(open_beside(dimension, contacts, free));
         let (geometry, deviations) = (shape.geometry.clone(), shape.deviations.clone());
         return Ok((Model::Faces(Box::new(shape)), geometry, deviations));
     }
@@ -168,7 +168,7 @@ pub fn shape(
     let model = fit::model(dimension, contacts)?;
     let gpis = model.opened(dimension, contacts, free)?;
     let (geometry, deviations) = extract(dimension, &gpis, contacts)?;
-    let deviations = match open_beside(dimension, contacts, free, Some(&model.body)) {
+    let deviations = match open_beside(dimension, contacts, free) {
         Some(doubt) => doubt.widened(&geometry.vertices(), &deviations),
         None => deviations,
     };
