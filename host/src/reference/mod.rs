@@ -11,6 +11,7 @@
 
 pub mod body;
 pub mod cholesky;
+pub mod doubt;
 pub mod ellipsoid;
 pub mod faces;
 pub mod filter;
@@ -27,6 +28,7 @@ pub mod tracker;
 #[cfg(test)]
 mod tests;
 
+pub use doubt::Doubt;
 pub use ellipsoid::Ellipsoid;
 pub use faces::Faces;
 pub use filter::{Filter, Gate, Settings};

@@ -12,8 +12,8 @@ use super::arrangement::{Arrangement, Facet};
 use super::boundary::{self, Side};
 use super::min_cut::Graph;
 use super::{Field, Geometry};
-use crate::reference::Contact;
 use crate::reference::faces::{Face, Faces, Owner};
+use crate::reference::{Contact, Doubt};
 use crate::space::Point;
 
 /// A closed shape of flat faces.
@@ -30,6 +30,8 @@ pub struct Polytope {
     pub pieces: Vec<(usize, [Point; 3])>,
     /// Where it was touched.
     touched: Vec<Point>,
+    /// What else the surface may be.
+    doubt: Option<Doubt>,
 }
 
 /// What a contact weighs that the shape contradicts: −ln of the share of wild contacts, 2 %.
@@ -115,6 +117,7 @@ pub fn assemble(
         planes,
         pieces: shape.pieces,
         touched,
+        doubt: None,
     };
     let deviation = |(vertex, meeting): (&Point, &Vec<(usize, bool)>)| {
         // A vertex moves by e_j along the normal of each plane j that meets there, so along their
@@ -315,6 +318,15 @@ fn main_part(arrangement: &Arrangement, inside: &[bool], evidence: &[f64]) -> Ve
 }
 
 impl Polytope {
+    /// The same shape, less certain: the faces may hold only where they were touched.
+    pub fn doubted(self, doubt: Option<Doubt>) -> Polytope {
+        let deviations = match &doubt {
+            Some(doubt) => doubt.widened(&self.geometry.vertices(), &self.deviations),
+            None => self.deviations,
+        };
+        Polytope { deviations, doubt, ..self }
+    }
+
     /// How many planes with contacts the surface has.
     pub fn touched_planes(&self) -> usize {
         let seen = |j: usize| self.pieces.iter().any(|(plane, _)| *plane == j);
@@ -359,7 +371,7 @@ impl Field for Polytope {
     fn deviations(&self, points: &[Point]) -> Vec<f64> {
         let deviation = |p: &Point| {
             let Some((plane, closest, distance)) = self.nearest(p, None) else {
-                return f64::INFINITY;
+                return (*p, f64::INFINITY);
             };
             let own = self.variance(plane, &closest);
             let reach = distance + own.sqrt();
@@ -367,9 +379,13 @@ impl Field for Polytope {
                 (boundary::closest(&closest, corners) - closest).norm() < reach
             };
             let others = self.pieces.iter().filter(near).map(|(j, _)| self.variance(*j, &closest));
-            others.fold(own, f64::max).sqrt()
+            (closest, others.fold(own, f64::max).sqrt())
         };
-        points.iter().map(deviation).collect()
+        let (closest, own): (Vec<Point>, Vec<f64>) = points.iter().map(deviation).unzip();
+        match &self.doubt {
+            Some(doubt) => doubt.widened(&closest, &own),
+            None => own,
+        }
     }
 }
 

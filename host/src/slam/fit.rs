@@ -6,7 +6,7 @@ use crate::experts::{self, Experts};
 use crate::reference::body::Body;
 use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::hyper::{Belief, Found, Search};
-use crate::reference::{Contact, Faces, Gpis, Kernel, Prior, Training};
+use crate::reference::{Contact, Doubt, Faces, Gpis, Kernel, Prior, Training};
 use crate::shape::polytope::assemble;
 use crate::slam::choose::{DOUBT, doubt};
 use crate::slam::free::{Free, open};
@@ -135,6 +135,21 @@ pub fn model_of(
     let Found { kernel, noise, .. } = best.found;
     let noise = noise * exactness(dimension, contacts);
     Ok(Model { kernel, body: best.body, noise, evidence: best.evidence })
+}
+
+/// What these contacts leave open beside the model that suits them: a surface about a ball of unknown
+/// centre and radius, which no `free` point lies inside of. `None` without contacts, and where they are
+/// too coincident for a dense surface.
+///
+/// Its hyper-parameters are not fitted: contacts that lie close to a ball would say that the rest does,
+/// too. By how much it differs is of the size of the ball, over the length that suits most objects.
+pub fn open_beside(dimension: usize, contacts: &[Contact], free: &[Free]) -> Option<Doubt> {
+    let Some(Prior::Ball { radius, .. }) = Prior::fitted(contacts) else { return None };
+    let ball = Body::doubtful_ball(dimension, contacts)?;
+    let lengthscale = Search::default().lengthscale.mode * radius;
+    let kernel = Kernel::Matern32 { amplitude: radius, lengthscale };
+    let surface = open(dimension, kernel, ball, &spread(contacts, DECIDING), free).ok()?;
+    Some(Doubt::new(surface, Doubt::share(dimension, contacts.len())))
 }
 
 /// The same about a ball by local experts, for any number of contacts.
@@ -273,6 +288,34 @@ mod tests {
     fn a_can_is_known_from_thirty_contacts() {
         let error = error("cylinder:0.05x0.08", 30);
         assert!(error < 1.8e-3, "{error}");
+    }
+
+    #[test]
+    fn contacts_on_one_side_leave_the_other_open() {
+        // Five touches on a tenth of an ellipse's outline fit a ball.
+        let touch = |i: i32| {
+            let (sin, cos) = (0.15 * f64::from(i)).sin_cos();
+            Contact {
+                point: Point::new(0.06 * cos, 0.03 * sin, 0.0),
+                normal: Some(Point::new(cos / 0.06, sin / 0.03, 0.0).normalize()),
+                point_deviation: 1e-3,
+                normal_deviation: 0.0873,
+            }
+        };
+        let contacts: Vec<Contact> = (-2..=2).map(touch).collect();
+        let no = |_, _| {};
+        let (_, geometry, deviations) =
+            reconstruct::shape(2, &contacts, &[], Default::default(), &no).unwrap();
+        let truth = Point::new(-0.06, 0.0, 0.0);
+        let vertices = geometry.vertices();
+        let nearest = |p: &Point| {
+            let away = |i: &usize| (vertices[*i] - p).norm();
+            (0..vertices.len()).min_by(|a, b| away(a).total_cmp(&away(b))).unwrap()
+        };
+        let far = nearest(&truth);
+        let error = (vertices[far] - truth).norm();
+        assert!(error > 0.02 && error < 1.96 * deviations[far], "{error} {}", deviations[far]);
+        assert!(deviations[nearest(&contacts[2].point)] < 1.5e-3);
     }
 
     #[test]

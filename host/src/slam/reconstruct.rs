@@ -11,7 +11,7 @@ use crate::reference::{Contact, Faces};
 use crate::shape::lattice::LatticeError;
 use crate::shape::{Field, Geometry, contour, surface};
 use crate::slam::choose::{self, Choice, Model, Refusal};
-use crate::slam::fit::{fit, fit_experts};
+use crate::slam::fit::{self, fit_experts, open_beside};
 use crate::slam::free::Free;
 use crate::slam::track::Step;
 use crate::slam::{Progress, deviations, usual_deviations};
@@ -119,14 +119,18 @@ pub fn reconstruct_known(
     let made = reconstruct(log, steps, choice, progress)?;
     let (Some(faces), Model::Faces(_)) = (faces, &made.model) else { return Ok(made) };
     let contacts: Vec<Contact> = made.contacts.iter().map(|p| p.contact).collect();
-    let outside: Vec<Point> = free(log, steps).iter().map(|f| f.point).collect();
+    let free = free(log, steps);
+    let outside: Vec<Point> = free.iter().map(|f| f.point).collect();
     Ok(match choose::known(faces, &contacts, &outside) {
-        Some(shape) => Reconstruction {
-            geometry: shape.geometry.clone(),
-            deviations: shape.deviations.clone(),
-            model: Model::Faces(Box::new(shape)),
-            ..made
-        },
+        Some(shape) => {
+            let shape = shape.doubted(open_beside(log.dimension, &contacts, &free));
+            Reconstruction {
+                geometry: shape.geometry.clone(),
+                deviations: shape.deviations.clone(),
+                model: Model::Faces(Box::new(shape)),
+                ..made
+            }
+        }
         None => made,
     })
 }
@@ -151,6 +155,7 @@ pub fn shape(
         Choice::Gp => None,
     };
     if let Some((_, shape)) = polytope {
+        let shape = shape.doubted(open_beside(dimension, contacts, free));
         let (geometry, deviations) = (shape.geometry.clone(), shape.deviations.clone());
         return Ok((Model::Faces(Box::new(shape)), geometry, deviations));
     }
@@ -160,9 +165,14 @@ pub fn shape(
         let (geometry, deviations) = extract(dimension, &experts, contacts)?;
         return Ok((Model::Gp(kernel), geometry, deviations));
     }
-    let (kernel, gpis) = fit(dimension, contacts, free)?;
+    let model = fit::model(dimension, contacts)?;
+    let gpis = model.opened(dimension, contacts, free)?;
     let (geometry, deviations) = extract(dimension, &gpis, contacts)?;
-    Ok((Model::Gp(kernel), geometry, deviations))
+    let deviations = match open_beside(dimension, contacts, free) {
+        Some(doubt) => doubt.widened(&geometry.vertices(), &deviations),
+        None => deviations,
+    };
+    Ok((Model::Gp(model.kernel), geometry, deviations))
 }
 
 /// The log's contacts in the object frame. The doubt about a pose along a contact's normal, and

@@ -69,9 +69,14 @@ impl Body {
     /// The ball of [`Prior::fitted`], taken as certain: a ball that few contacts on a long object
     /// are free to move grows far beyond it. `None` without contacts.
     pub fn ball(dimension: usize, contacts: &[Contact]) -> Option<Body> {
+        Some(Body { modes: vec![], ..Body::doubtful_ball(dimension, contacts)? })
+    }
+
+    /// The same with centre and radius open: what may lie where nobody touched. `None` without
+    /// contacts.
+    pub fn doubtful_ball(dimension: usize, contacts: &[Contact]) -> Option<Body> {
         let problem = Problem::of(dimension, contacts)?;
-        let body = problem.body(&problem.start(Round::Ball))?;
-        Some(Body { modes: vec![], ..body })
+        problem.body(&problem.start(Round::Ball))
     }
 
     /// The quadric that fits best: least squares of distances and normals, with a weak pull to the
