@@ -110,7 +110,7 @@ fn narrow(a: u32) -> Kind {
         _ if a >> 12 == 0b1100 => Kind::Transfers((a & 0xff).count_ones()),
         // Literals, register offsets, immediate offsets, the stack.
         _ if a >> 11 == 0b01001 || a >> 12 == 0b0101 => Kind::Transfer,
-        _ if matches!(a >> 12, 0b0110 | 0b0111 | 0b1000 | 0b1001) => Kind::Transfer,
+        _ if matches!(a >> 12, 0b0110..=0b1001) => Kind::Transfer,
         _ => Kind::Single,
     }
 }
