@@ -39,7 +39,7 @@ pub enum ObjectSpec {
     Ellipse([f64; 2]),
     /// `lshape:WxHxT`, `tshape:WxHxT` in the plane, with a fourth length Z a prism that tall.
     Arms(Arms),
-    /// `polygon:FILE`, see [`read_outline`]; moved to its centroid.
+    /// `polygon:FILE`, see [`read_outline`](crate::shape::files::read_outline); moved to its centroid.
     Polygon(PathBuf),
     /// `corners:XxY,XxY,…`, a convex polygon counter-clockwise; moved to its centroid.
     Corners(Vec<[f64; 2]>),
