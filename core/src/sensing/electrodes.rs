@@ -513,3 +513,28 @@ impl ContactEstimator for ElectrodeEstimator {
         self.detector = Detector::new();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What whole numbers say without a branch is what the definition says.
+    #[test]
+    fn which_electrodes_rise_is_told_by_whole_numbers() {
+        let mut estimator = ElectrodeEstimator::new();
+        estimator.configure(&ElectrodeSettings::BIOTAC).unwrap();
+        estimator.baseline = core::array::from_fn(|k| 2500.0 + 37.0 * k as f32);
+        let mut state = 1u32;
+        let mut some = 0;
+        for time in 0..200 {
+            let words = core::array::from_fn(|k| {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (2200 + 37 * k as u32 + (state >> 16) % 600) as u16
+            });
+            let set = estimator.take(&ElectrodeReading(words), 1000 * time).unwrap();
+            assert_eq!(set, estimator.risen(&estimator.baseline), "{time}");
+            some += u32::from(set != 0 && set != ALL);
+        }
+        assert!(some > 100);
+    }
+}
