@@ -25,6 +25,10 @@ use crate::space::Point;
 /// once in ten thousand.
 const GATE: [f64; 2] = [18.4, 21.1];
 
+/// A face of one contact is confirmed where others that are parallel or square to it leave its normal
+/// less than this share of the contact's own variance.
+const CONFIRMED: f64 = 0.5;
+
 /// Rounds of handing contacts over and merging; changes end after two or three.
 const ROUNDS: usize = 6;
 
@@ -299,6 +303,20 @@ impl Faces {
     /// Whether no contact contradicts a convex object.
     pub fn is_convex(&self) -> bool {
         self.protrusion < CONCAVE
+    }
+
+    /// How many faces were felt by one of these `contacts` (those it was fitted to) and lie neither
+    /// parallel nor square to others that say the same. On curves every contact makes its own.
+    pub fn unconfirmed(&self, contacts: &[Contact]) -> usize {
+        let alone = |face: &usize| {
+            let owned =
+                |(_, owner): &(&Contact, &Option<Owner>)| **owner == Some(Owner::Face(*face));
+            let mut own = contacts.iter().zip(&self.owners).filter(owned);
+            let (Some((contact, _)), None) = (own.next(), own.next()) else { return false };
+            let own = (self.dimension - 1) as f64 * contact.normal_deviation.powi(2);
+            self.faces[*face].normal_covariance.trace() > CONFIRMED * own
+        };
+        (0..self.faces.len()).filter(alone).count()
     }
 
     /// max (n·p − ρ) and the face that attains it; `None` without faces.

@@ -129,10 +129,6 @@ const UNTOUCHED: f64 = 0.6;
 /// found, high on curves, where every contact makes its own. One may always be.
 const LONE: f64 = 0.05;
 
-/// A face of one contact is confirmed where others that are parallel or square to it leave its normal
-/// less than this share of the contact's own variance.
-const CONFIRMED: f64 = 0.5;
-
 /// Closing planes that are tried one at a time.
 const MOST_CLOSINGS: usize = 8;
 
@@ -174,7 +170,8 @@ pub fn known(faces: &Faces, contacts: &[Contact], free: &[Point]) -> Option<Poly
     (lost as f64 <= UNEXPLAINED * felt as f64).then_some(polytope)
 }
 
-fn fitted(dimension: usize, contacts: &[Contact]) -> Result<Faces, Refusal> {
+/// Faces that the contacts show, without those that others explain, in order where they plausibly are.
+pub(super) fn fitted(dimension: usize, contacts: &[Contact]) -> Result<Faces, Refusal> {
     let faces = Faces::fit(dimension, contacts).ok_or(Refusal::NoNormals)?;
     Ok(faces.simplified(contacts).regular(contacts))
 }
@@ -236,7 +233,7 @@ fn examine(
     let felt = contacts.iter().filter(|c| c.normal.is_some()).count();
     // The faces first: their figures are cheap.
     let faces = fitted(dimension, contacts)?;
-    let lone = lone(&faces, contacts);
+    let lone = faces.unconfirmed(contacts);
     if lone > 1 && lone as f64 > LONE * felt as f64 {
         return Err(Refusal::Lone { lone, contacts: felt });
     }
@@ -263,18 +260,6 @@ fn examine(
         return Err(Refusal::Untouched { distance });
     }
     Ok((faces, polytope))
-}
-
-/// Faces of one contact that no other face confirms.
-fn lone(faces: &Faces, contacts: &[Contact]) -> usize {
-    let alone = |face: usize| {
-        let mut own =
-            contacts.iter().zip(&faces.owners).filter(|(_, o)| **o == Some(Owner::Face(face)));
-        let (Some((contact, _)), None) = (own.next(), own.next()) else { return false };
-        let own = (faces.dimension - 1) as f64 * contact.normal_deviation.powi(2);
-        faces.faces[face].normal_covariance.trace() > CONFIRMED * own
-    };
-    (0..faces.faces.len()).filter(|face| alone(*face)).count()
 }
 
 /// What the deviations of very exact contacts are multiplied with: real edges are a little round and

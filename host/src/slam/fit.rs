@@ -7,8 +7,7 @@ use crate::reference::body::Body;
 use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::hyper::{Belief, Found, Search};
 use crate::reference::{Contact, Doubt, Faces, Gpis, Kernel, Prior, Training};
-use crate::shape::polytope::assemble;
-use crate::slam::choose::{DOUBT, doubt};
+use crate::slam::choose::{DOUBT, doubt, fitted};
 use crate::slam::free::{Free, open};
 use crate::slam::reconstruct::Error;
 
@@ -205,14 +204,12 @@ fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
     }
     let residual = Search { amplitude: RESIDUAL, ..usual };
     let faces = Faces::fit(dimension, contacts);
-    let closed = faces
-        .as_ref()
-        .filter(|faces| faces.is_convex() && assemble(faces, contacts, &[], &[]).is_some());
+    let flat = fitted(dimension, contacts).ok().filter(Faces::is_convex);
     let others = [
         Body::quadric(dimension, contacts),
         Body::superquadric(dimension, contacts),
         faces.as_ref().and_then(|faces| Body::cut(dimension, contacts, faces)),
-        closed.and_then(|faces| Body::polytope(dimension, contacts, faces)),
+        flat.and_then(|faces| Body::polytope(dimension, contacts, &faces)),
     ];
     let others = others.into_iter().flatten().map(|body| (body, residual));
     ball.into_iter().chain(others).collect()

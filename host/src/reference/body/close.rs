@@ -8,7 +8,7 @@ use crate::reference::Contact;
 use crate::space::Point;
 
 /// A body is open in a direction when it still holds the point this many times the distance from the
-/// contacts' centre to the farthest of them beyond the outermost contact.
+/// contacts' centre to the farthest of them beyond where it would end.
 const OPEN: f64 = 1.0;
 
 /// The same where contacts do not say how far the body goes.
@@ -25,9 +25,10 @@ const MOST: usize = 8;
 const NUDGE: f64 = 1e-6;
 
 impl Body {
-    /// The same body cut by planes at the outermost contacts until it is closed: first along the
+    /// The same body cut by planes beyond the outermost contacts until it is closed: first along the
     /// `undecided` directions, then always where it reaches furthest. How far out the planes lie is
-    /// a guess, and a mode.
+    /// a guess, and a mode: of contacts spread evenly over a length the last is as far from its end
+    /// as they are from each other.
     pub(super) fn closed(
         mut self,
         dimension: usize,
@@ -39,9 +40,11 @@ impl Body {
         if !(reach > 0.0 && reach.is_finite()) {
             return self;
         }
-        // The outermost contact in a direction.
         let offset = |normal: &Point| {
-            contacts.iter().map(|c| normal.dot(&c.point)).fold(f64::NEG_INFINITY, f64::max)
+            let along = contacts.iter().map(|c| normal.dot(&c.point));
+            let low = along.clone().fold(f64::INFINITY, f64::min);
+            let high = along.fold(f64::NEG_INFINITY, f64::max);
+            high + (high - low) / contacts.len() as f64
         };
         // How deep inside the body a point beyond the contacts is.
         let depth = |body: &Body, normal: &Point, share: f64| {

@@ -23,8 +23,13 @@ const TRIAL: usize = 6;
 /// Most planes that cut a quadric.
 const CUTS: usize = 6;
 
-/// Numbers measured per parameter from which a body is more than a guess.
+/// Numbers measured per parameter from which a cut quadric or a superquadric is more than a guess, and
+/// a quadric, which leaves less open.
 const DECIDED: f64 = 2.5;
+const DECIDED_QUADRIC: f64 = 2.0;
+
+/// Sides that are doubtful, per contact, up to which planes are: felt once or not at all.
+const DOUBTFUL: f64 = 0.5;
 
 /// Difference of a parameter for its slope.
 const NUDGE: f64 = 1e-5;
@@ -80,13 +85,13 @@ impl Body {
     }
 
     /// The quadric that fits best: least squares of distances and normals, with a weak pull to the
-    /// ball. `None` without contacts, or when fewer than two and a half numbers were measured per parameter:
-    /// few contacts fit any.
+    /// ball. `None` without contacts, or when fewer than two numbers were measured per parameter: few
+    /// contacts fit any.
     pub fn quadric(dimension: usize, contacts: &[Contact]) -> Option<Body> {
         let problem = Problem::of(dimension, contacts)?;
         let fit = problem.climb(problem.start(Round::Quadric), STEPS);
         let parameters = fit.parameters.len() as f64;
-        if (problem.measured() as f64) < DECIDED * parameters {
+        if (problem.measured() as f64) < DECIDED_QUADRIC * parameters {
             return None;
         }
         Some(problem.body(&fit)?.closed(dimension, contacts, &[]))
@@ -147,16 +152,18 @@ impl Body {
         Some(body.closed(dimension, contacts, &found.undecided()))
     }
 
-    /// The polytope of all `faces`, closed or not. `None` without contacts or faces, or when fewer than
-    /// two and a half numbers were measured per parameter.
+    /// The polytope of all `faces`, with ends where they leave it open. `None` without contacts or
+    /// faces, or when more than one side for every two contacts is in doubt: felt by one that no
+    /// other face confirms ([`Faces::unconfirmed`]), or not at all. Then there may as well be others:
+    /// the share of what was seen once tells how likely the next is new (Good, Biometrika 40, 1953).
     pub fn polytope(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<Body> {
         let problem = Problem::of(dimension, contacts)?;
         let planes = problem.planes(faces, 1);
         let start = problem.start(Round::Nothing);
-        let measured = problem.measured() as f64;
-        let decided = |body: &Body| measured >= DECIDED * (measured - body.degrees);
         let body = problem.body(&planes.iter().fold(start, |fit, plane| fit.cut(dimension, plane)));
-        body.filter(decided).map(|body| body.closed(dimension, contacts, &[]))
+        let body = body?.closed(dimension, contacts, &[]);
+        let doubtful = body.parts.len() - planes.len() + faces.unconfirmed(contacts);
+        (doubtful as f64 <= DOUBTFUL * contacts.len() as f64).then_some(body)
     }
 }
 
