@@ -207,8 +207,8 @@ impl ElectrodeEstimator {
     #[inline]
     fn take(&mut self, reading: &ElectrodeReading, time: u32) -> Result<u32, usize> {
         let Sampling { window, gap, .. } = self.settings.sampling;
-        if let Some(channel) = self.outside(reading) {
-            return Err(channel);
+        if !self.is_credible(reading) {
+            return Err(self.outside(reading).unwrap_or(0));
         }
         let limits = &self.scale.limits;
         let word = |k: usize| i32::from(reading.0[k]);
@@ -225,13 +225,35 @@ impl ElectrodeEstimator {
         Ok(set)
     }
 
-    /// The first electrode whose word does not lie strictly between both ends.
+    /// Whether all words lie strictly between both ends. Two at a time, in the halves of a register:
+    /// their highest bits tell.
     #[inline]
+    fn is_credible(&self, reading: &ElectrodeReading) -> bool {
+        const BOTH: u32 = 0x1_0001;
+        const HIGHEST: u32 = 0x8000 * BOTH;
+        let (low, high) = self.settings.range;
+        // What is added carries words from `high` on, and no others, to the highest bit; what is
+        // taken away borrows it from words up to `low`.
+        let (add, take) = (BOTH * (0x8000 - u32::from(high)), BOTH * (u32::from(low) + 1));
+        let mut wrong = 0;
+        let mut look = |words: u32| {
+            wrong |= words | words.wrapping_add(add) | !(words | HIGHEST).wrapping_sub(take);
+        };
+        let (pairs, rest) = reading.0.as_chunks();
+        for [first, second] in pairs {
+            look(u32::from(*first) | u32::from(*second) << 16);
+        }
+        for word in rest {
+            look(BOTH * u32::from(*word));
+        }
+        wrong & HIGHEST == 0
+    }
+
+    /// The first electrode whose word does not lie strictly between both ends.
+    #[cold]
     fn outside(&self, reading: &ElectrodeReading) -> Option<usize> {
-        // In one comparison.
-        let (low, high) = (u32::from(self.settings.range.0), u32::from(self.settings.range.1));
-        let (first, count) = (low + 1, high.saturating_sub(low + 1));
-        reading.0.iter().position(|word| u32::from(*word).wrapping_sub(first) >= count)
+        let (low, high) = self.settings.range;
+        reading.0.iter().position(|word| *word <= low || *word >= high)
     }
 
     /// What follows from the window's length and from the baseline.
@@ -376,7 +398,7 @@ impl ElectrodeEstimator {
         let mean = changes.moment * (1.0 / changes.level);
         let start = fingertip.project(mean).ok_or(NoContact::IllConditioned)?;
         let fit = self.fit(changes, &start);
-        if fit.freedom > 0.0 && fit.misfit > MISFIT * fit.freedom {
+        if fit.freedom > 0.0 && fit.misfit > MISFIT * fit.freedom * fit.weight {
             return Err(NoContact::Inconsistent);
         }
         let [u, v] = start.tangents;
@@ -433,19 +455,22 @@ impl ElectrodeEstimator {
             qr += wb * c;
             rr += wc * c;
         }
-        let scale = 1.0 / weight;
-        pp -= p * p * scale;
-        pq -= p * q * scale;
-        qq -= q * q * scale;
-        pr -= p * r * scale;
-        qr -= q * r * scale;
-        rr -= r * r * scale;
+        // The height's elimination, times the weight: one division for all.
+        pp = weight * pp - p * p;
+        pq = weight * pq - p * q;
+        qq = weight * qq - q * q;
+        pr = weight * pr - p * r;
+        qr = weight * qr - q * r;
+        rr = weight * rr - r * r;
+        let prior = weight * prior;
         let (a, b, c) = (pp + prior, pq, qq + prior);
         let scale = 1.0 / (a * c - b * b);
         let step = [scale * (c * pr - b * qr), scale * (a * qr - b * pr)];
         let [s, t] = step;
         let misfit = rr - 2.0 * (s * pr + t * qr) + s * s * pp + 2.0 * s * t * pq + t * t * qq;
-        Fit { step, spread: [c * scale, -b * scale, a * scale], misfit, freedom: (used - 3) as f32 }
+        let scale = weight * scale;
+        let spread = [c * scale, -b * scale, a * scale];
+        Fit { step, spread, misfit, weight, freedom: (used - 3) as f32 }
     }
 }
 
@@ -471,8 +496,10 @@ struct Fit {
     step: [f32; 2],
     /// Its covariance, m².
     spread: [f32; 3],
-    /// Squared residual in units of its variance, and how many such squares are expected.
+    /// Squared residual in units of its variance, times the weight of all electrodes; and how many
+    /// such squares are expected.
     misfit: f32,
+    weight: f32,
     freedom: f32,
 }
 
