@@ -43,16 +43,17 @@ const COMMON: f32 = 16.0;
 /// Mean squared misfit, in variances, above which one contact does not explain the changes.
 const MISFIT: f32 = 6.0;
 
-/// Contacts from the electrodes of a BioTac: taring, drift, averaging, detection; the centroid of
-/// thesis 2.24; and from there to the centre of the bell that the changes form.
+/// Contacts from the electrodes of a BioTac: taring, drift, averaging, detection, and the centre of
+/// the bell that the changes form on the skin.
 ///
-/// The centroid is biased: it depends on which electrodes there are. Near a contact at p the change
-/// of an electrode at Xᵢ falls like A·exp(−|p − Xᵢ|²/2s²), so that ln eᵢ + |Xᵢ − q|²/2s² is linear
-/// in the way from the centroid q to p whatever the layout, and least squares over it, with what is
-/// known of the centroid as prior, give p and its covariance in one pass. Its residual tells whether
-/// one bell explains the changes.
+/// The centroid of thesis 2.24 ([`centroid`]) is biased: it depends on which electrodes there are.
+/// Near a contact at p the change eᵢ of an electrode at Xᵢ falls like A·exp(−|p − Xᵢ|²/2s²), so that
+/// ln eᵢ + |Xᵢ − q|²/2s² is linear in the way from any place q to p whatever the layout. Least
+/// squares over it about the electrode that changes most, with how far contacts stray from there as
+/// prior, give p and its covariance in one pass. The residual tells whether one bell explains the
+/// changes.
 ///
-/// About two and a half kilobytes, all zero until configured.
+/// About three and a half kilobytes, all zero until configured.
 ///
 /// ```
 /// use tactile_core::sensing::{
@@ -80,7 +81,7 @@ pub struct ElectrodeEstimator {
     taring: bool,
     fit: Terms,
     /// The skin above each electrode.
-    above: [Vector<3>; ELECTRODES],
+    above: [Patch; ELECTRODES],
     /// Words at rest.
     baseline: [f32; ELECTRODES],
     tare: Tare<ELECTRODES>,
@@ -100,7 +101,7 @@ impl Default for ElectrodeEstimator {
 /// What the settings alone make of the fit.
 #[derive(Clone, Copy, Debug)]
 struct Terms {
-    /// One over the squares of footprint and of the centroid's deviation, per m².
+    /// One over the squares of footprint and stray, per m².
     bell: f32,
     prior: f32,
     /// The squared mismatch.
@@ -134,10 +135,10 @@ struct Rise {
 struct Changes {
     /// Such electrodes, a bit each.
     set: u32,
-    /// Sum of their relative changes, and the same of the skin's places above them times these.
+    /// Sum of their relative changes.
     level: f32,
-    moment: Vector<3>,
-    /// Logarithm of the largest.
+    /// The electrode that changes most, and the logarithm of its change.
+    strongest: usize,
     largest: f32,
 }
 
@@ -163,7 +164,7 @@ impl ElectrodeEstimator {
             configured: false,
             taring: false,
             fit: Terms { bell: 0.0, prior: 0.0, mismatch: 0.0 },
-            above: [Vector([0.0; 3]); ELECTRODES],
+            above: [Patch::UNSET; ELECTRODES],
             baseline: [0.0; ELECTRODES],
             tare: Tare::new(),
             window: Window::new(),
@@ -180,14 +181,13 @@ impl ElectrodeEstimator {
     /// skin above it.
     pub fn configure(&mut self, settings: &ElectrodeSettings) -> Result<(), CalibrationError> {
         let settings = settings.checked()?;
-        let mut above = settings.positions;
-        for position in &mut above {
-            let patch = settings.fingertip.project(*position).ok_or(CalibrationError::Range)?;
-            *position = patch.point;
+        let mut above = [Patch::UNSET; ELECTRODES];
+        for (patch, position) in above.iter_mut().zip(&settings.positions) {
+            *patch = settings.fingertip.project(*position).ok_or(CalibrationError::Range)?;
         }
         self.fit = Terms {
             bell: 1.0 / (settings.footprint * settings.footprint),
-            prior: 1.0 / (settings.centroid * settings.centroid),
+            prior: 1.0 / (settings.stray * settings.stray),
             mismatch: settings.mismatch * settings.mismatch,
         };
         self.settings = settings;
@@ -331,7 +331,7 @@ impl ElectrodeEstimator {
     fn rise(&mut self, set: u32) -> Changes {
         let Scale { share, full, noise, .. } = self.scale;
         let mismatch = self.fit.mismatch;
-        let mut changes = Changes { set, level: 0.0, moment: Vector::ZERO, largest: f32::MIN };
+        let mut changes = Changes { set, level: 0.0, strongest: 0, largest: f32::MIN };
         for k in members(set) {
             let (word, rest) = (self.window.sums()[k] as f32 * share, self.baseline[k]);
             let (fall, left) = (rest - word, word * (full - rest));
@@ -344,8 +344,9 @@ impl ElectrodeEstimator {
             let log = log(change);
             self.rises[k] = Rise { log, weight: square * (left * inverse) };
             changes.level += change;
-            changes.moment += self.above[k] * change;
-            changes.largest = math::max(changes.largest, log);
+            if log > changes.largest {
+                (changes.strongest, changes.largest) = (k, log);
+            }
         }
         changes
     }
@@ -394,10 +395,8 @@ impl ElectrodeEstimator {
     fn locate(&self, changes: &Changes) -> Result<Touch, NoContact> {
         let settings = &self.settings;
         let fingertip = &settings.fingertip;
-        // The centroid of what rises; of nothing it is NaN.
-        let mean = changes.moment * (1.0 / changes.level);
-        let start = fingertip.project(mean).ok_or(NoContact::IllConditioned)?;
-        let fit = self.fit(changes, &start);
+        let start = &self.above[changes.strongest];
+        let fit = self.fit(changes, start);
         if fit.freedom > 0.0 && fit.misfit > MISFIT * fit.freedom * fit.weight {
             return Err(NoContact::Inconsistent);
         }
@@ -411,7 +410,7 @@ impl ElectrodeEstimator {
             return Err(NoContact::IllConditioned);
         }
         // The start's tangents stand for the point's, which are turned a little.
-        let (covariance, normal_deviation) = spread_on(&start, fit.spread, &settings.tolerance);
+        let (covariance, normal_deviation) = spread_on(start, fit.spread, &settings.tolerance);
         Ok(Touch {
             time: self.window.middle(),
             point,
@@ -438,7 +437,7 @@ impl ElectrodeEstimator {
             if !(log > floor) {
                 continue;
             }
-            let [x, y, z] = (self.above[k] - start.point).0;
+            let [x, y, z] = (self.above[k].point - start.point).0;
             let a = along[0] * x + along[1] * y + along[2] * z;
             let b = across[0] * x + across[1] * y + across[2] * z;
             let c = log + half * (x * x + y * y + z * z);
@@ -490,7 +489,7 @@ pub(super) fn log(x: f32) -> f32 {
 /// The polynomial in t that is nearest to ln(1 + t) where √½ ≤ 1 + t < √2.
 const LOG: [f32; 5] = [4.547722e-05, 0.9994026, -0.5040479, 0.3574114, -0.2174837];
 
-/// Where the bell's middle is seen from the centroid.
+/// Where the bell's middle is seen from the strongest electrode.
 struct Fit {
     /// Along both tangents, metres.
     step: [f32; 2],

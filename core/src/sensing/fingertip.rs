@@ -80,6 +80,14 @@ pub struct Patch {
 }
 
 impl Patch {
+    /// Of no skin.
+    pub(super) const UNSET: Self = Patch {
+        point: Vector([0.0; 3]),
+        outward: Vector([0.0; 3]),
+        tangents: [Vector([0.0; 3]); 2],
+        curvature: [0.0; 3],
+    };
+
     /// The patch at a point, where half the gradient of S is one over `steepness` long and half its
     /// second derivative is `bend`.
     #[inline]

@@ -49,7 +49,7 @@ pub struct ElectrodeSettings {
     pub positions: [Vector<3>; ELECTRODES],
     /// The skin.
     pub fingertip: Fingertip,
-    /// Largest word of the converter, which an electrode without impedance would give.
+    /// Largest word of the converter, which an electrode without impedance would give; at most 2¹⁵.
     pub full_scale: u16,
     /// Words are credible strictly between these.
     pub range: (u16, u16),
@@ -60,8 +60,9 @@ pub struct ElectrodeSettings {
     pub footprint: f32,
     /// How far, relatively, electrodes stray from that bell.
     pub mismatch: f32,
-    /// How far the centroid strays from the contact, standard deviation per axis, metres.
-    pub centroid: f32,
+    /// How far contacts stray from the electrode that changes most, standard deviation per axis,
+    /// metres.
+    pub stray: f32,
     /// Newtons of normal force per summed relative change.
     pub stiffness: f32,
     /// How well the skin is known.
@@ -80,7 +81,7 @@ pub struct ElectrodeSettings {
 
 impl ElectrodeSettings {
     /// A BioTac. Positions, skin and converter are published; the numbers that describe how the skin
-    /// gives way (footprint, mismatch, centroid, stiffness) fit a film of fluid under it, and a real
+    /// gives way (footprint, mismatch, stray, stiffness) fit a film of fluid under it, and a real
     /// finger should be pressed at a few known places to replace them.
     pub const BIOTAC: Self = ElectrodeSettings {
         positions: BIOTAC_CORE,
@@ -90,7 +91,7 @@ impl ElectrodeSettings {
         noise: 2.0,
         footprint: 2.5e-3,
         mismatch: 0.2,
-        centroid: 2e-3,
+        stray: 2e-3,
         stiffness: 0.5,
         tolerance: Tolerance { point: 2e-4, normal: 0.02 },
         precision: 3e-3,
@@ -107,7 +108,7 @@ impl ElectrodeSettings {
         noise: 0.0,
         footprint: 0.0,
         mismatch: 0.0,
-        centroid: 0.0,
+        stray: 0.0,
         stiffness: 0.0,
         tolerance: Tolerance { point: 0.0, normal: 0.0 },
         precision: 0.0,
@@ -121,14 +122,8 @@ impl ElectrodeSettings {
     /// # Errors
     /// What is not finite, not positive where it must be, or out of order.
     pub fn checked(mut self) -> Result<Self, CalibrationError> {
-        let positive = [
-            self.noise,
-            self.footprint,
-            self.mismatch,
-            self.centroid,
-            self.stiffness,
-            self.precision,
-        ];
+        let positive =
+            [self.noise, self.footprint, self.mismatch, self.stray, self.stiffness, self.precision];
         if positive.iter().chain([&self.drift]).any(|v| !v.is_finite())
             || self.positions.iter().any(|p| !p.is_finite())
         {
@@ -138,7 +133,11 @@ impl ElectrodeSettings {
             return Err(CalibrationError::NotPositive);
         }
         let (low, high) = self.range;
-        if !(0.0..=1.0).contains(&self.drift) || low >= high || high >= self.full_scale {
+        if !(0.0..=1.0).contains(&self.drift)
+            || low >= high
+            || high >= self.full_scale
+            || self.full_scale > 1 << 15
+        {
             return Err(CalibrationError::Range);
         }
         self.fingertip = self.fingertip.checked()?;

@@ -187,15 +187,14 @@ fn electrodes_agree_with_double_precision() {
                 largest = largest.max(change);
             }
         }
-        let total: f64 = used.iter().map(|u| u.1).sum();
-        let mean = used.iter().map(|u| u.0 * u.1).sum::<Point>() / total;
+        let strongest = used.iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap().0;
         let (foot, outward) = {
-            let (along, around) = Skin::BIOTAC.place(&mean);
+            let (along, around) = Skin::BIOTAC.place(&strongest);
             Skin::BIOTAC.at(along, around)
         };
         let u = outward.cross(&Point::x()).try_normalize(1e-6).unwrap_or(Point::y());
         let v = outward.cross(&u);
-        let prior = f64::from(settings.centroid).powi(-2);
+        let prior = f64::from(settings.stray).powi(-2);
         let mut normal = Matrix3::from_diagonal(&Point::new(0.0, prior, prior));
         let mut right = Point::zeros();
         for (at, change, noise) in used.iter().filter(|u| u.1 > 0.04 * largest) {
