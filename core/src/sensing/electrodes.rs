@@ -1,6 +1,6 @@
 //! An array of electrodes under a fluid-filled skin: impedances to contacts.
 
-use super::detection::{Detector, Phase, Sampling, Tare, Window};
+use super::detection::{Detector, Held, Phase, Sampling, Tare, Window};
 use super::fingertip::Patch;
 use super::{
     CalibrationError, ContactEstimator, ELECTRODES, ElectrodeReading, NoContact, Touch, spread_on,
@@ -53,7 +53,7 @@ const MISFIT: f32 = 6.0;
 /// prior, give p and its covariance in one pass. The residual tells whether one bell explains the
 /// changes.
 ///
-/// About three and a half kilobytes, all zero until configured.
+/// Not quite four kilobytes, all zero until configured.
 ///
 /// ```
 /// use tactile_core::sensing::{
@@ -82,6 +82,7 @@ pub struct ElectrodeEstimator {
     fit: Terms,
     /// The skin above each electrode.
     above: [Patch; ELECTRODES],
+    sites: [Site; ELECTRODES],
     /// Words at rest.
     baseline: [f32; ELECTRODES],
     tare: Tare<ELECTRODES>,
@@ -90,6 +91,7 @@ pub struct ElectrodeEstimator {
     /// Of the electrodes that rise.
     rises: [Rise; ELECTRODES],
     detector: Detector,
+    held: Held,
 }
 
 impl Default for ElectrodeEstimator {
@@ -106,6 +108,18 @@ struct Terms {
     prior: f32,
     /// The squared mismatch.
     mismatch: f32,
+    /// Words that creeping impedances move an electrode by in a second at most: in the middle of
+    /// the range.
+    creep: f32,
+}
+
+/// What the fit needs of the skin above an electrode, in one place.
+#[derive(Clone, Copy, Debug)]
+struct Site {
+    /// Metres.
+    point: [f32; 3],
+    /// Half its squared distance from the origin over that of the footprint.
+    square: f32,
 }
 
 /// What the readings averaged and the baseline make of electrodes; renewed where these change.
@@ -124,7 +138,7 @@ struct Scale {
 /// An electrode whose impedance rises.
 #[derive(Clone, Copy, Debug)]
 struct Rise {
-    /// Logarithm of its relative change.
+    /// Logarithm of its relative change, but for a constant.
     log: f32,
     /// One over the variance of that.
     weight: f32,
@@ -163,14 +177,16 @@ impl ElectrodeEstimator {
             settings: ElectrodeSettings::UNSET,
             configured: false,
             taring: false,
-            fit: Terms { bell: 0.0, prior: 0.0, mismatch: 0.0 },
+            fit: Terms { bell: 0.0, prior: 0.0, mismatch: 0.0, creep: 0.0 },
             above: [Patch::UNSET; ELECTRODES],
+            sites: [Site { point: [0.0; 3], square: 0.0 }; ELECTRODES],
             baseline: [0.0; ELECTRODES],
             tare: Tare::new(),
             window: Window::new(),
             scale: Scale { count: 0, share: 0.0, full: 0.0, noise: 0.0, limits: [0; ELECTRODES] },
             rises: [Rise { log: 0.0, weight: 0.0 }; ELECTRODES],
             detector: Detector::new(),
+            held: Held::new(),
         }
     }
 
@@ -189,7 +205,12 @@ impl ElectrodeEstimator {
             bell: 1.0 / (settings.footprint * settings.footprint),
             prior: 1.0 / (settings.stray * settings.stray),
             mismatch: settings.mismatch * settings.mismatch,
+            creep: 0.25 * settings.creep * f32::from(settings.full_scale),
         };
+        self.sites = above.map(|patch| {
+            let square = 0.5 * self.fit.bell * patch.point.norm_squared();
+            Site { point: patch.point.0, square }
+        });
         self.settings = settings;
         self.above = above;
         self.configured = true;
@@ -227,7 +248,7 @@ impl ElectrodeEstimator {
 
     /// Whether all words lie strictly between both ends. Two at a time, in the halves of a register:
     /// their highest bits tell.
-    #[inline]
+    #[inline(never)]
     fn is_credible(&self, reading: &ElectrodeReading) -> bool {
         const BOTH: u32 = 0x1_0001;
         const HIGHEST: u32 = 0x8000 * BOTH;
@@ -330,17 +351,20 @@ impl ElectrodeEstimator {
     #[inline]
     fn rise(&mut self, set: u32) -> Changes {
         let Scale { share, full, noise, .. } = self.scale;
-        let mismatch = self.fit.mismatch;
+        let Terms { mismatch, creep, .. } = self.fit;
+        let crept = creep * self.held.seconds();
+        let noise = noise * noise + crept * crept;
         let mut changes = Changes { set, level: 0.0, strongest: 0, largest: f32::MIN };
         for k in members(set) {
             let (word, rest) = (self.window.sums()[k] as f32 * share, self.baseline[k]);
             let (fall, left) = (rest - word, word * (full - rest));
-            let (product, doubt) = (fall * word, noise * rest);
+            let product = fall * word;
             let square = product * product;
-            let variance = doubt * doubt + mismatch * square;
+            let variance = noise * (rest * rest) + mismatch * square;
             // One division for both.
             let inverse = 1.0 / (left * variance);
-            let change = full * fall * (variance * inverse);
+            // Over full scale, which adds a constant to all logarithms.
+            let change = fall * (variance * inverse);
             let log = log(change);
             self.rises[k] = Rise { log, weight: square * (left * inverse) };
             changes.level += change;
@@ -348,6 +372,7 @@ impl ElectrodeEstimator {
                 (changes.strongest, changes.largest) = (k, log);
             }
         }
+        changes.level *= full;
         changes
     }
 
@@ -430,17 +455,19 @@ impl ElectrodeEstimator {
         let (mut weight, mut used) = (0.0, 0);
         let (mut p, mut q, mut r) = (0.0, 0.0, 0.0);
         let (mut pp, mut pq, mut qq, mut pr, mut qr, mut rr) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-        let (floor, half) = (changes.largest + FAINT, 0.5 * bell);
-        let (along, across) = (u * bell, v * bell);
+        let floor = changes.largest + FAINT;
+        // Of the distances from the start, what is the same for all electrodes is left out: the
+        // bell's height takes it.
+        let (along, across, towards) = (u * bell, v * bell, start.point * bell);
         for k in members(changes.set) {
             let Rise { log, weight: w } = self.rises[k];
             if !(log > floor) {
                 continue;
             }
-            let [x, y, z] = (self.above[k].point - start.point).0;
+            let Site { point: [x, y, z], square } = self.sites[k];
             let a = along[0] * x + along[1] * y + along[2] * z;
             let b = across[0] * x + across[1] * y + across[2] * z;
-            let c = log + half * (x * x + y * y + z * z);
+            let c = log + (square - (towards[0] * x + towards[1] * y + towards[2] * z));
             weight += w;
             used += 1;
             let (wa, wb, wc) = (w * a, w * b, w * c);
@@ -510,6 +537,8 @@ impl ContactEstimator for ElectrodeEstimator {
             return Err(NoContact::NotCalibrated);
         }
         if self.taring {
+            self.held.pass(time);
+            self.held.release();
             return Err(self.settle(reading));
         }
         let set = match self.take(reading, time) {
@@ -519,10 +548,12 @@ impl ContactEstimator for ElectrodeEstimator {
                 return Err(NoContact::Saturated { channel: channel as u8 });
             }
         };
+        self.held.pass(time);
         let changes = self.changes(set);
         match self.detector.update(changes.level, &self.settings.detection) {
             Phase::Touching => self.locate(&changes),
             Phase::Free => {
+                self.held.release();
                 self.follow();
                 Err(NoContact::TooLight)
             }

@@ -77,6 +77,9 @@ pub struct ElectrodeSettings {
     /// and sixteen times as much of what all electrodes have in common, as when the fluid warms up:
     /// zero for a baseline that is never followed.
     pub drift: f32,
+    /// How far, relatively, all impedances may move in a second while something touches and the
+    /// baseline cannot be followed: electrodes are trusted the less, and the weak ones least.
+    pub creep: f32,
 }
 
 impl ElectrodeSettings {
@@ -98,6 +101,8 @@ impl ElectrodeSettings {
         detection: Hysteresis { begin: 0.02, end: 0.012, begin_readings: 3, end_readings: 3 },
         sampling: Sampling { window: 8, gap: 50_000, tare: 64, spread: 64 },
         drift: 1e-3,
+        // Two percent per kelvin, a kelvin a minute.
+        creep: 3.3e-4,
     };
 
     pub(super) const UNSET: Self = ElectrodeSettings {
@@ -115,6 +120,7 @@ impl ElectrodeSettings {
         detection: Hysteresis { begin: 0.0, end: 0.0, begin_readings: 0, end_readings: 0 },
         sampling: Sampling { window: 0, gap: 0, tare: 0, spread: 0 },
         drift: 0.0,
+        creep: 0.0,
     };
 
     /// The same, if it makes sense.
@@ -124,7 +130,7 @@ impl ElectrodeSettings {
     pub fn checked(mut self) -> Result<Self, CalibrationError> {
         let positive =
             [self.noise, self.footprint, self.mismatch, self.stray, self.stiffness, self.precision];
-        if positive.iter().chain([&self.drift]).any(|v| !v.is_finite())
+        if positive.iter().chain([&self.drift, &self.creep]).any(|v| !v.is_finite())
             || self.positions.iter().any(|p| !p.is_finite())
         {
             return Err(CalibrationError::NotFinite);
@@ -134,6 +140,7 @@ impl ElectrodeSettings {
         }
         let (low, high) = self.range;
         if !(0.0..=1.0).contains(&self.drift)
+            || self.creep < 0.0
             || low >= high
             || high >= self.full_scale
             || self.full_scale > 1 << 15
