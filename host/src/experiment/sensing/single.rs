@@ -30,11 +30,11 @@ const DIRECTIONS: usize = 16;
 const PLACES: (usize, usize) = (24, 24);
 
 /// Best of these that are followed, and halvings of the step on the way.
-const FOLLOWED: usize = 6;
+const FOLLOWED: usize = 4;
 const HALVINGS: usize = 12;
 
 /// Sweeps over a cone's edges, at first and when a place is followed.
-const SWEEPS: (usize, usize) = (60, 600);
+const SWEEPS: (usize, usize) = (40, 300);
 
 type Wrench = SVector<f64, 6>;
 
@@ -130,8 +130,7 @@ impl<'a> Search<'a> {
             let force = (u * cos + v * sin) * self.hold.friction - outward;
             let torsion = if k % 2 == 0 { self.hold.torsion } else { -self.hold.torsion };
             let moment = point.cross(&force) + outward * torsion;
-            let wrench =
-                Wrench::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
+            let wrench = Wrench::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
             wrench.component_div(&self.noise)
         })
     }
