@@ -31,10 +31,10 @@ const PLACES: (usize, usize) = (24, 24);
 
 /// Best of these that are followed, and halvings of the step on the way.
 const FOLLOWED: usize = 4;
-const HALVINGS: usize = 12;
+const HALVINGS: usize = 10;
 
 /// Sweeps over a cone's edges, at first and when a place is followed.
-const SWEEPS: (usize, usize) = (40, 300);
+const SWEEPS: (usize, usize) = (30, 150);
 
 type Wrench = SVector<f64, 6>;
 
