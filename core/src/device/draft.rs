@@ -138,12 +138,12 @@ fn tell_electrodes(settings: &mut ElectrodeSettings, part: &SensorPart) -> Resul
             settings.range = (word(least)?, word(most)?);
             Ok(())
         }
-        SensorPart::Response { noise, footprint, mismatch, centroid, stiffness, precision } => {
+        SensorPart::Response { noise, footprint, mismatch, stray, stiffness, precision } => {
             *settings = ElectrodeSettings {
                 noise,
                 footprint,
                 mismatch,
-                centroid,
+                stray,
                 stiffness,
                 precision,
                 ..*settings

@@ -134,6 +134,42 @@ impl Default for Detector {
     }
 }
 
+/// How long ago nothing touched, when a sensor's zero was last seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Held {
+    last: u32,
+    elapsed: u32,
+}
+
+impl Held {
+    /// Not at all.
+    pub const fn new() -> Self {
+        Held { last: 0, elapsed: 0 }
+    }
+
+    /// Nothing touches.
+    #[inline]
+    pub fn release(&mut self) {
+        self.elapsed = 0;
+    }
+
+    /// A reading at `time`, microseconds, wrapping; one that goes back adds nothing.
+    #[inline]
+    pub fn pass(&mut self, time: u32) {
+        let step = time.wrapping_sub(self.last);
+        self.last = time;
+        if step as i32 > 0 {
+            self.elapsed = self.elapsed.saturating_add(step);
+        }
+    }
+
+    /// For so long; from 71 minutes on for ever as long.
+    #[inline]
+    pub fn seconds(&self) -> f32 {
+        self.elapsed as f32 * 1e-6
+    }
+}
+
 /// The last readings of a sensor, their exact sum and their times.
 ///
 /// Words are whole numbers of at most 2²⁶ in magnitude, so that nothing is lost however long a

@@ -1,6 +1,6 @@
 //! An array of electrodes under a fluid-filled skin: impedances to contacts.
 
-use super::detection::{Detector, Phase, Sampling, Tare, Window};
+use super::detection::{Detector, Held, Phase, Sampling, Tare, Window};
 use super::fingertip::Patch;
 use super::{
     CalibrationError, ContactEstimator, ELECTRODES, ElectrodeReading, NoContact, Touch, spread_on,
@@ -43,16 +43,17 @@ const COMMON: f32 = 16.0;
 /// Mean squared misfit, in variances, above which one contact does not explain the changes.
 const MISFIT: f32 = 6.0;
 
-/// Contacts from the electrodes of a BioTac: taring, drift, averaging, detection; the centroid of
-/// thesis 2.24; and from there to the centre of the bell that the changes form.
+/// Contacts from the electrodes of a BioTac: taring, drift, averaging, detection, and the centre of
+/// the bell that the changes form on the skin.
 ///
-/// The centroid is biased: it depends on which electrodes there are. Near a contact at p the change
-/// of an electrode at Xᵢ falls like A·exp(−|p − Xᵢ|²/2s²), so that ln eᵢ + |Xᵢ − q|²/2s² is linear
-/// in the way from the centroid q to p whatever the layout, and least squares over it, with what is
-/// known of the centroid as prior, give p and its covariance in one pass. Its residual tells whether
-/// one bell explains the changes.
+/// The centroid of thesis 2.24 ([`centroid`]) is biased: it depends on which electrodes there are.
+/// Near a contact at p the change eᵢ of an electrode at Xᵢ falls like A·exp(−|p − Xᵢ|²/2s²), so that
+/// ln eᵢ + |Xᵢ − q|²/2s² is linear in the way from any place q to p whatever the layout. Least
+/// squares over it about the electrode that changes most, with how far contacts stray from there as
+/// prior, give p and its covariance in one pass. The residual tells whether one bell explains the
+/// changes.
 ///
-/// About two and a half kilobytes, all zero until configured.
+/// Not quite four kilobytes, all zero until configured.
 ///
 /// ```
 /// use tactile_core::sensing::{
@@ -80,7 +81,8 @@ pub struct ElectrodeEstimator {
     taring: bool,
     fit: Terms,
     /// The skin above each electrode.
-    above: [Vector<3>; ELECTRODES],
+    above: [Patch; ELECTRODES],
+    sites: [Site; ELECTRODES],
     /// Words at rest.
     baseline: [f32; ELECTRODES],
     tare: Tare<ELECTRODES>,
@@ -89,6 +91,7 @@ pub struct ElectrodeEstimator {
     /// Of the electrodes that rise.
     rises: [Rise; ELECTRODES],
     detector: Detector,
+    held: Held,
 }
 
 impl Default for ElectrodeEstimator {
@@ -100,11 +103,23 @@ impl Default for ElectrodeEstimator {
 /// What the settings alone make of the fit.
 #[derive(Clone, Copy, Debug)]
 struct Terms {
-    /// One over the squares of footprint and of the centroid's deviation, per m².
+    /// One over the squares of footprint and stray, per m².
     bell: f32,
     prior: f32,
     /// The squared mismatch.
     mismatch: f32,
+    /// Words that creeping impedances move an electrode by in a second at most: in the middle of
+    /// the range.
+    creep: f32,
+}
+
+/// What the fit needs of the skin above an electrode, in one place.
+#[derive(Clone, Copy, Debug)]
+struct Site {
+    /// Metres.
+    point: [f32; 3],
+    /// Half its squared distance from the origin over that of the footprint.
+    square: f32,
 }
 
 /// What the readings averaged and the baseline make of electrodes; renewed where these change.
@@ -123,7 +138,7 @@ struct Scale {
 /// An electrode whose impedance rises.
 #[derive(Clone, Copy, Debug)]
 struct Rise {
-    /// Logarithm of its relative change.
+    /// Logarithm of its relative change, but for a constant.
     log: f32,
     /// One over the variance of that.
     weight: f32,
@@ -134,10 +149,10 @@ struct Rise {
 struct Changes {
     /// Such electrodes, a bit each.
     set: u32,
-    /// Sum of their relative changes, and the same of the skin's places above them times these.
+    /// Sum of their relative changes.
     level: f32,
-    moment: Vector<3>,
-    /// Logarithm of the largest.
+    /// The electrode that changes most, and the logarithm of its change.
+    strongest: usize,
     largest: f32,
 }
 
@@ -162,14 +177,16 @@ impl ElectrodeEstimator {
             settings: ElectrodeSettings::UNSET,
             configured: false,
             taring: false,
-            fit: Terms { bell: 0.0, prior: 0.0, mismatch: 0.0 },
-            above: [Vector([0.0; 3]); ELECTRODES],
+            fit: Terms { bell: 0.0, prior: 0.0, mismatch: 0.0, creep: 0.0 },
+            above: [Patch::UNSET; ELECTRODES],
+            sites: [Site { point: [0.0; 3], square: 0.0 }; ELECTRODES],
             baseline: [0.0; ELECTRODES],
             tare: Tare::new(),
             window: Window::new(),
             scale: Scale { count: 0, share: 0.0, full: 0.0, noise: 0.0, limits: [0; ELECTRODES] },
             rises: [Rise { log: 0.0, weight: 0.0 }; ELECTRODES],
             detector: Detector::new(),
+            held: Held::new(),
         }
     }
 
@@ -180,16 +197,20 @@ impl ElectrodeEstimator {
     /// skin above it.
     pub fn configure(&mut self, settings: &ElectrodeSettings) -> Result<(), CalibrationError> {
         let settings = settings.checked()?;
-        let mut above = settings.positions;
-        for position in &mut above {
-            let patch = settings.fingertip.project(*position).ok_or(CalibrationError::Range)?;
-            *position = patch.point;
+        let mut above = [Patch::UNSET; ELECTRODES];
+        for (patch, position) in above.iter_mut().zip(&settings.positions) {
+            *patch = settings.fingertip.project(*position).ok_or(CalibrationError::Range)?;
         }
         self.fit = Terms {
             bell: 1.0 / (settings.footprint * settings.footprint),
-            prior: 1.0 / (settings.centroid * settings.centroid),
+            prior: 1.0 / (settings.stray * settings.stray),
             mismatch: settings.mismatch * settings.mismatch,
+            creep: 0.25 * settings.creep * f32::from(settings.full_scale),
         };
+        self.sites = above.map(|patch| {
+            let square = 0.5 * self.fit.bell * patch.point.norm_squared();
+            Site { point: patch.point.0, square }
+        });
         self.settings = settings;
         self.above = above;
         self.configured = true;
@@ -207,8 +228,8 @@ impl ElectrodeEstimator {
     #[inline]
     fn take(&mut self, reading: &ElectrodeReading, time: u32) -> Result<u32, usize> {
         let Sampling { window, gap, .. } = self.settings.sampling;
-        if let Some(channel) = self.outside(reading) {
-            return Err(channel);
+        if !self.is_credible(reading) {
+            return Err(self.outside(reading).unwrap_or(0));
         }
         let limits = &self.scale.limits;
         let word = |k: usize| i32::from(reading.0[k]);
@@ -225,13 +246,35 @@ impl ElectrodeEstimator {
         Ok(set)
     }
 
+    /// Whether all words lie strictly between both ends. Two at a time, in the halves of a register:
+    /// their highest bits tell.
+    #[inline(never)]
+    fn is_credible(&self, reading: &ElectrodeReading) -> bool {
+        const BOTH: u32 = 0x1_0001;
+        const HIGHEST: u32 = 0x8000 * BOTH;
+        let (low, high) = self.settings.range;
+        // What is added carries words from `high` on, and no others, to the highest bit; what is
+        // taken away borrows it from words up to `low`.
+        let (add, take) = (BOTH * (0x8000 - u32::from(high)), BOTH * (u32::from(low) + 1));
+        let mut wrong = 0;
+        let mut look = |words: u32| {
+            wrong |= words | words.wrapping_add(add) | !(words | HIGHEST).wrapping_sub(take);
+        };
+        let (pairs, rest) = reading.0.as_chunks();
+        for [first, second] in pairs {
+            look(u32::from(*first) | u32::from(*second) << 16);
+        }
+        for word in rest {
+            look(BOTH * u32::from(*word));
+        }
+        wrong & HIGHEST == 0
+    }
+
     /// The first electrode whose word does not lie strictly between both ends.
-    #[inline]
+    #[cold]
     fn outside(&self, reading: &ElectrodeReading) -> Option<usize> {
-        // In one comparison.
-        let (low, high) = (u32::from(self.settings.range.0), u32::from(self.settings.range.1));
-        let (first, count) = (low + 1, high.saturating_sub(low + 1));
-        reading.0.iter().position(|word| u32::from(*word).wrapping_sub(first) >= count)
+        let (low, high) = self.settings.range;
+        reading.0.iter().position(|word| *word <= low || *word >= high)
     }
 
     /// What follows from the window's length and from the baseline.
@@ -308,23 +351,28 @@ impl ElectrodeEstimator {
     #[inline]
     fn rise(&mut self, set: u32) -> Changes {
         let Scale { share, full, noise, .. } = self.scale;
-        let mismatch = self.fit.mismatch;
-        let mut changes = Changes { set, level: 0.0, moment: Vector::ZERO, largest: f32::MIN };
+        let Terms { mismatch, creep, .. } = self.fit;
+        let crept = creep * self.held.seconds();
+        let noise = noise * noise + crept * crept;
+        let mut changes = Changes { set, level: 0.0, strongest: 0, largest: f32::MIN };
         for k in members(set) {
             let (word, rest) = (self.window.sums()[k] as f32 * share, self.baseline[k]);
             let (fall, left) = (rest - word, word * (full - rest));
-            let (product, doubt) = (fall * word, noise * rest);
+            let product = fall * word;
             let square = product * product;
-            let variance = doubt * doubt + mismatch * square;
+            let variance = noise * (rest * rest) + mismatch * square;
             // One division for both.
             let inverse = 1.0 / (left * variance);
-            let change = full * fall * (variance * inverse);
+            // Over full scale, which adds a constant to all logarithms.
+            let change = fall * (variance * inverse);
             let log = log(change);
             self.rises[k] = Rise { log, weight: square * (left * inverse) };
             changes.level += change;
-            changes.moment += self.above[k] * change;
-            changes.largest = math::max(changes.largest, log);
+            if log > changes.largest {
+                (changes.strongest, changes.largest) = (k, log);
+            }
         }
+        changes.level *= full;
         changes
     }
 
@@ -372,11 +420,9 @@ impl ElectrodeEstimator {
     fn locate(&self, changes: &Changes) -> Result<Touch, NoContact> {
         let settings = &self.settings;
         let fingertip = &settings.fingertip;
-        // The centroid of what rises; of nothing it is NaN.
-        let mean = changes.moment * (1.0 / changes.level);
-        let start = fingertip.project(mean).ok_or(NoContact::IllConditioned)?;
-        let fit = self.fit(changes, &start);
-        if fit.freedom > 0.0 && fit.misfit > MISFIT * fit.freedom {
+        let start = &self.above[changes.strongest];
+        let fit = self.fit(changes, start);
+        if fit.freedom > 0.0 && fit.misfit > MISFIT * fit.freedom * fit.weight {
             return Err(NoContact::Inconsistent);
         }
         let [u, v] = start.tangents;
@@ -389,7 +435,7 @@ impl ElectrodeEstimator {
             return Err(NoContact::IllConditioned);
         }
         // The start's tangents stand for the point's, which are turned a little.
-        let (covariance, normal_deviation) = spread_on(&start, fit.spread, &settings.tolerance);
+        let (covariance, normal_deviation) = spread_on(start, fit.spread, &settings.tolerance);
         Ok(Touch {
             time: self.window.middle(),
             point,
@@ -409,17 +455,19 @@ impl ElectrodeEstimator {
         let (mut weight, mut used) = (0.0, 0);
         let (mut p, mut q, mut r) = (0.0, 0.0, 0.0);
         let (mut pp, mut pq, mut qq, mut pr, mut qr, mut rr) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-        let (floor, half) = (changes.largest + FAINT, 0.5 * bell);
-        let (along, across) = (u * bell, v * bell);
+        let floor = changes.largest + FAINT;
+        // Of the distances from the start, what is the same for all electrodes is left out: the
+        // bell's height takes it.
+        let (along, across, towards) = (u * bell, v * bell, start.point * bell);
         for k in members(changes.set) {
             let Rise { log, weight: w } = self.rises[k];
             if !(log > floor) {
                 continue;
             }
-            let [x, y, z] = (self.above[k] - start.point).0;
+            let Site { point: [x, y, z], square } = self.sites[k];
             let a = along[0] * x + along[1] * y + along[2] * z;
             let b = across[0] * x + across[1] * y + across[2] * z;
-            let c = log + half * (x * x + y * y + z * z);
+            let c = log + (square - (towards[0] * x + towards[1] * y + towards[2] * z));
             weight += w;
             used += 1;
             let (wa, wb, wc) = (w * a, w * b, w * c);
@@ -433,19 +481,22 @@ impl ElectrodeEstimator {
             qr += wb * c;
             rr += wc * c;
         }
-        let scale = 1.0 / weight;
-        pp -= p * p * scale;
-        pq -= p * q * scale;
-        qq -= q * q * scale;
-        pr -= p * r * scale;
-        qr -= q * r * scale;
-        rr -= r * r * scale;
+        // The height's elimination, times the weight: one division for all.
+        pp = weight * pp - p * p;
+        pq = weight * pq - p * q;
+        qq = weight * qq - q * q;
+        pr = weight * pr - p * r;
+        qr = weight * qr - q * r;
+        rr = weight * rr - r * r;
+        let prior = weight * prior;
         let (a, b, c) = (pp + prior, pq, qq + prior);
         let scale = 1.0 / (a * c - b * b);
         let step = [scale * (c * pr - b * qr), scale * (a * qr - b * pr)];
         let [s, t] = step;
         let misfit = rr - 2.0 * (s * pr + t * qr) + s * s * pp + 2.0 * s * t * pq + t * t * qq;
-        Fit { step, spread: [c * scale, -b * scale, a * scale], misfit, freedom: (used - 3) as f32 }
+        let scale = weight * scale;
+        let spread = [c * scale, -b * scale, a * scale];
+        Fit { step, spread, misfit, weight, freedom: (used - 3) as f32 }
     }
 }
 
@@ -465,14 +516,16 @@ pub(super) fn log(x: f32) -> f32 {
 /// The polynomial in t that is nearest to ln(1 + t) where √½ ≤ 1 + t < √2.
 const LOG: [f32; 5] = [4.547722e-05, 0.9994026, -0.5040479, 0.3574114, -0.2174837];
 
-/// Where the bell's middle is seen from the centroid.
+/// Where the bell's middle is seen from the strongest electrode.
 struct Fit {
     /// Along both tangents, metres.
     step: [f32; 2],
     /// Its covariance, m².
     spread: [f32; 3],
-    /// Squared residual in units of its variance, and how many such squares are expected.
+    /// Squared residual in units of its variance, times the weight of all electrodes; and how many
+    /// such squares are expected.
     misfit: f32,
+    weight: f32,
     freedom: f32,
 }
 
@@ -484,6 +537,8 @@ impl ContactEstimator for ElectrodeEstimator {
             return Err(NoContact::NotCalibrated);
         }
         if self.taring {
+            self.held.pass(time);
+            self.held.release();
             return Err(self.settle(reading));
         }
         let set = match self.take(reading, time) {
@@ -493,10 +548,12 @@ impl ContactEstimator for ElectrodeEstimator {
                 return Err(NoContact::Saturated { channel: channel as u8 });
             }
         };
+        self.held.pass(time);
         let changes = self.changes(set);
         match self.detector.update(changes.level, &self.settings.detection) {
             Phase::Touching => self.locate(&changes),
             Phase::Free => {
+                self.held.release();
                 self.follow();
                 Err(NoContact::TooLight)
             }

@@ -80,6 +80,14 @@ pub struct Patch {
 }
 
 impl Patch {
+    /// Of no skin.
+    pub(super) const UNSET: Self = Patch {
+        point: Vector([0.0; 3]),
+        outward: Vector([0.0; 3]),
+        tangents: [Vector([0.0; 3]); 2],
+        curvature: [0.0; 3],
+    };
+
     /// The patch at a point, where half the gradient of S is one over `steepness` long and half its
     /// second derivative is `bend`.
     #[inline]
@@ -195,40 +203,48 @@ impl Fingertip {
 
     /// The patch of the shape nearest to a point; `None` for a point that is not finite, and for
     /// one from which no single point is nearest, as a ball's centre.
-    #[inline]
+    #[inline(always)]
     pub fn project(&self, point: Vector<3>) -> Option<Patch> {
-        let (nearest, outward) = self.foot(point)?;
         // Round, but along a cylinder's axis.
-        let (radius, straight) = match self.shape {
-            Shape::Sphere { radius } => (radius, 0.0),
-            Shape::CappedCylinder { radius, .. } => (radius, (nearest[0] <= 0.0) as u8 as f32),
-            _ => {
-                let (gradient, bend) = self.slope(nearest);
-                return Some(Patch::new(nearest, outward, 1.0 / gradient.norm(), &bend));
-            }
+        let (radius, on_side) = match self.shape {
+            Shape::Sphere { radius } => (radius, false),
+            Shape::CappedCylinder { radius, .. } => (radius, point[0] <= 0.0),
+            _ => return self.project_on_quadric(point),
         };
+        let (nearest, outward) = self.foot(point)?;
+        let straight = on_side as u8 as f32;
         let [u, v] = tangents(outward);
         let (bent, along, across) = (1.0 / radius, straight * u[0], straight * v[0]);
         let curvature = [1.0 - along * u[0], -along * v[0], 1.0 - across * v[0]].map(|k| k * bent);
         Some(Patch { point: nearest, outward, tangents: [u, v], curvature })
     }
 
+    #[inline(never)]
+    fn project_on_quadric(&self, point: Vector<3>) -> Option<Patch> {
+        let (nearest, outward) = self.foot_on_quadric(point)?;
+        let (gradient, bend) = self.slope(nearest);
+        Some(Patch::new(nearest, outward, 1.0 / gradient.norm(), &bend))
+    }
+
     /// Point and outward normal of the shape nearest to a point; `None` as for [`Self::project`].
-    #[inline]
+    #[inline(always)]
     pub(super) fn foot(&self, point: Vector<3>) -> Option<(Vector<3>, Vector<3>)> {
         let (centre, radius) = match self.shape {
             Shape::Sphere { radius } => (Vector::ZERO, radius),
             Shape::CappedCylinder { radius, .. } => {
                 (Vector([math::min(point[0], 0.0), 0.0, 0.0]), radius)
             }
-            _ => {
-                let nearest = self.nearest(point)?;
-                return Some((nearest, self.slope(nearest).0.normalized()?));
-            }
+            _ => return self.foot_on_quadric(point),
         };
         // Of a point that is not finite there is no direction.
         let outward = (point - centre).normalized()?;
         Some((centre + outward * radius, outward))
+    }
+
+    #[inline(never)]
+    fn foot_on_quadric(&self, point: Vector<3>) -> Option<(Vector<3>, Vector<3>)> {
+        let nearest = self.nearest(point)?;
+        Some((nearest, self.slope(nearest).0.normalized()?))
     }
 
     /// Nearest point of a quadric: c + λ·∇S(c)/2 = p and S(c) = 0, by Newton's method on both. Each

@@ -198,6 +198,51 @@ fn drift_is_followed_while_nothing_touches() {
     assert_eq!(drift(1e-2), Err(NoContact::TooLight));
 }
 
+/// Nobody can tell a bias that moves from a load that does: a touch is the less certain the longer
+/// it lasts, until the finger is free again.
+#[test]
+fn a_touch_that_lasts_is_less_certain() {
+    let mut bench = Bench::new(&settings());
+    let load = push(Vector([-0.01, 0.0, -8e-3]), Vector([0.2, 0.0, 1.0]));
+    let skin = |touch: Touch| touch.covariance.at(0, 0);
+    let first = skin(bench.feel(&load).unwrap());
+    let mut last = first;
+    for _ in 0..6000 {
+        bench.1 += 9_000;
+        last = skin(bench.read(&load).unwrap());
+    }
+    // A minute at a hundredth of a reading's deviation a second, beside eight readings and a tare.
+    let once = 1.0 / 8.0 + 1.0 / 256.0;
+    let ratio = (once + 0.36) / once;
+    assert!((last / first - ratio).abs() < 0.02 * ratio, "{last} {first}");
+    for _ in 0..20 {
+        let _free = bench.read(&Wrench::ZERO);
+    }
+    let again = skin(bench.feel(&load).unwrap());
+    assert!((again / first - 1.0).abs() < 0.02, "{again} {first}");
+}
+
+#[test]
+fn how_long_a_touch_lasts_survives_any_clock() {
+    let mut held = detection::Held::new();
+    let seconds = |held: &mut detection::Held, time: u32| {
+        held.pass(time);
+        held.seconds()
+    };
+    held.pass(u32::MAX - 500_000);
+    held.release();
+    assert_eq!(held.seconds(), 0.0);
+    // Over the clock's end, then back, which adds nothing, and on.
+    assert!((seconds(&mut held, 499_999) - 1.0).abs() < 1e-6);
+    assert!((seconds(&mut held, 399_999) - 1.0).abs() < 1e-6);
+    assert!((seconds(&mut held, 1_399_999) - 2.0).abs() < 1e-6);
+    // Three half hours are as long as can be told, not none.
+    for k in 1..4u32 {
+        held.pass(1_399_999u32.wrapping_add(k.wrapping_mul(1_800_000_000)));
+    }
+    assert!((held.seconds() - 4294.967).abs() < 1.0, "{}", held.seconds());
+}
+
 #[test]
 fn matrices_that_feel_too_little_are_refused() {
     let range = (-8_388_608, 8_388_607);
@@ -238,6 +283,8 @@ fn settings_that_make_no_sense_change_nothing() {
         (WrenchSettings { friction: 0.0, ..good }, CalibrationError::NotPositive),
         (WrenchSettings { torsion: f32::NAN, ..good }, CalibrationError::NotFinite),
         (WrenchSettings { drift: 2.0, ..good }, CalibrationError::Range),
+        (WrenchSettings { creep: -0.1, ..good }, CalibrationError::Range),
+        (WrenchSettings { creep: f32::INFINITY, ..good }, CalibrationError::NotFinite),
         (
             WrenchSettings { detection: Hysteresis { end: 1.0, ..good.detection }, ..good },
             CalibrationError::Range,
@@ -336,10 +383,10 @@ fn touches_are_golden() {
         [x, y, z, touch.covariance.at(0, 1).to_bits(), touch.normal_deviation.to_bits()]
     });
     let expected = [
-        [3129785083, 999078862, 3151649027, 810993402, 1019503331],
-        [3130041980, 999335763, 3152227058, 2942779294, 1016421069],
-        [3129848959, 999142738, 3151792754, 2954985123, 1016703436],
-        [3131564238, 1000858070, 3154884443, 2974443672, 1020824932],
+        [3129785083, 999078862, 3151649027, 810993408, 1019503332],
+        [3130041980, 999335763, 3152227058, 2942779294, 1016421070],
+        [3129848959, 999142738, 3151792754, 2954985126, 1016703437],
+        [3131564238, 1000858070, 3154884443, 2974443676, 1020824933],
     ];
     assert_eq!(golden.collect::<List<_>>(), expected);
 }
@@ -347,5 +394,5 @@ fn touches_are_golden() {
 #[test]
 fn five_fingers_fit_a_small_memory() {
     assert!(size_of::<WrenchEstimator>() <= 1280, "{}", size_of::<WrenchEstimator>());
-    assert!(size_of::<ElectrodeEstimator>() <= 2624, "{}", size_of::<ElectrodeEstimator>());
+    assert!(size_of::<ElectrodeEstimator>() <= 3840, "{}", size_of::<ElectrodeEstimator>());
 }

@@ -1,7 +1,7 @@
 //! A six-axis transducer inside a fingertip: strain gauges to contacts.
 
 use super::calibration::{self, CalibrationError, GaugeCalibration, Weight, Wrench};
-use super::detection::{Detector, Hysteresis, Phase, Sampling, Tare, Window};
+use super::detection::{Detector, Held, Hysteresis, Phase, Sampling, Tare, Window};
 use super::fingertip::{Fingertip, Shape};
 use super::intrinsic::{self, Press, Scatter};
 use super::{ContactEstimator, GaugeReading, NoContact, Tolerance, Touch, spread_on};
@@ -38,6 +38,9 @@ pub struct WrenchSettings {
     /// Share of the remaining load that the bias takes over with each reading while nothing touches:
     /// zero for a bias that is never followed.
     pub drift: f32,
+    /// How far the bias may move in a second while something touches and it cannot be followed, in
+    /// deviations of one reading: the covariance grows by it.
+    pub creep: f32,
 }
 
 impl WrenchSettings {
@@ -46,7 +49,8 @@ impl WrenchSettings {
 
     /// A Nano17-type transducer at the fingertip's origin, its axes those of the frame: noise of
     /// 0.3 % of full scale, eight readings averaged, contacts from 0.15 N on, friction up to 1.2,
-    /// torsion up to 2 N mm per newton.
+    /// torsion up to 2 N mm per newton, a bias that moves as in a finger that warms up by a kelvin a
+    /// minute.
     pub const fn nano17(gauges: GaugeCalibration, fingertip: Fingertip) -> Self {
         WrenchSettings {
             gauges,
@@ -61,6 +65,7 @@ impl WrenchSettings {
             detection: Hysteresis { begin: 0.15, end: 0.08, begin_readings: 3, end_readings: 3 },
             sampling: Self::NANO17_SAMPLING,
             drift: 1e-4,
+            creep: 0.01,
         }
     }
 
@@ -81,6 +86,7 @@ impl WrenchSettings {
         detection: Hysteresis { begin: 0.0, end: 0.0, begin_readings: 0, end_readings: 0 },
         sampling: Sampling { window: 0, gap: 0, tare: 0, spread: 0 },
         drift: 0.0,
+        creep: 0.0,
     };
 
     /// The same, if it makes sense.
@@ -91,14 +97,14 @@ impl WrenchSettings {
         let positive = self.noise.iter().chain([&self.friction, &self.torsion, &self.precision]);
         if positive.clone().any(|v| !v.is_finite())
             || !self.sensor.is_finite()
-            || !self.drift.is_finite()
+            || !(self.drift.is_finite() && self.creep.is_finite())
         {
             return Err(CalibrationError::NotFinite);
         }
         if positive.clone().any(|v| !(*v > 0.0)) {
             return Err(CalibrationError::NotPositive);
         }
-        if !(0.0..=1.0).contains(&self.drift) {
+        if !(0.0..=1.0).contains(&self.drift) || self.creep < 0.0 {
             return Err(CalibrationError::Range);
         }
         self.fingertip = self.fingertip.checked()?;
@@ -154,6 +160,7 @@ pub struct WrenchEstimator {
     tare: Tare<6>,
     window: Window<6>,
     detector: Detector,
+    held: Held,
     gravity: Option<Vector<3>>,
     /// Weight at the time of the tare, which the bias holds.
     tared: Wrench,
@@ -181,6 +188,7 @@ impl WrenchEstimator {
             tare: Tare::new(),
             window: Window::new(),
             detector: Detector::new(),
+            held: Held::new(),
             gravity: None,
             tared: Wrench::ZERO,
             rest: Wrench::ZERO,
@@ -244,6 +252,8 @@ impl WrenchEstimator {
         let settings = &self.settings;
         // The bias is as uncertain as the mean of the readings that made it.
         let share = 1.0 / self.window.count() as f32 + 1.0 / settings.sampling.tare as f32;
+        let crept = settings.creep * self.held.seconds();
+        let share = share + crept * crept;
         let Scatter { point, torsion } = press.scatter(&self.noise);
         let spread = point.map(|v| v * share);
         let force = share * (self.noise.at(0, 0) + self.noise.at(1, 1) + self.noise.at(2, 2));
@@ -289,15 +299,19 @@ impl ContactEstimator for WrenchEstimator {
                 self.tared = self.gravity.map_or(Wrench::ZERO, |g| self.settings.weight.load(g));
                 self.drifted = Wrench::ZERO;
                 self.settle();
+                self.held.pass(time);
+                self.held.release();
                 self.taring = false;
             }
             return Err(NoContact::Taring);
         }
         self.window.push(words, time, sampling.window, sampling.gap);
+        self.held.pass(time);
         let load = self.load()?;
         match self.detector.update(load.force.norm(), &self.settings.detection) {
             Phase::Touching => {}
             Phase::Free => {
+                self.held.release();
                 self.follow(&load);
                 return Err(NoContact::TooLight);
             }

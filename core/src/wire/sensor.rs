@@ -181,8 +181,8 @@ pub enum SensorPart {
         footprint: f32,
         /// How far, relatively, electrodes stray from that.
         mismatch: f32,
-        /// How far the centroid strays from the contact, metres.
-        centroid: f32,
+        /// How far contacts stray from the electrode that changes most, metres.
+        stray: f32,
         /// Newtons per summed relative change.
         stiffness: f32,
         /// Standard deviation of the point above which there is no contact, metres.

@@ -215,15 +215,19 @@ mod firmware {
         if let Err(error) = electrodes.configure(&ElectrodeSettings::BIOTAC) {
             return unlike(&error);
         }
-        // Five electrodes rise on average under a newton of the simulated film, eight at most.
+        // Five electrodes rise on average under a newton of the simulated film, eight at most; all
+        // eight belong to the bell.
         let mut pressed = [3000; 19];
         for (electrode, word) in [(16, 2000), (1, 2800), (11, 2800), (9, 2900), (17, 2950)] {
             pressed[electrode] = word;
         }
         let readings = (ElectrodeReading([3000; 19]), ElectrodeReading(pressed));
         press(counter, "  electrodes, five rise", electrodes, readings);
-        for (electrode, word) in [(2, 2900), (12, 2900), (7, 2970)] {
-            pressed[electrode] = word;
+        let mut pressed = [3000; 19];
+        for (pair, word) in [([16, 17], 2700), ([2, 12], 2912), ([1, 11], 2962), ([4, 14], 2982)] {
+            for electrode in pair {
+                pressed[electrode] = word;
+            }
         }
         let readings = (ElectrodeReading([3000; 19]), ElectrodeReading(pressed));
         press(counter, "  electrodes, eight rise", electrodes, readings);

@@ -20,8 +20,24 @@ enum Controller {
     Absent,
     /// No byte is ever carried.
     Stalls,
-    /// It reports an error of transfer.
-    Fails,
+    /// It reports an error by this flag.
+    Fails(u32),
+}
+
+/// What is wrong with the SPI.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Peripheral {
+    Works,
+    /// A byte is lost.
+    Overruns,
+    /// Another master holds the line.
+    Faults,
+    /// Never takes a byte.
+    NeverEmpty,
+    /// No byte ever comes in.
+    NeverFull,
+    /// The last bit never goes out.
+    Busy,
 }
 
 struct Hardware {
@@ -31,12 +47,19 @@ struct Hardware {
     lines: u32,
     chips: Vec<Ads131m08Chip>,
     controller: Controller,
+    peripheral: Peripheral,
+    /// The data register was read: reading the status now clears an overrun.
+    drained: bool,
+    /// Looks at a stream's settings until it is off that was switched off on its way.
+    stopping: [u32; 2],
     /// Looks at the flags until a frame is through, and those left now.
     slow: u32,
     left: u32,
     /// What the selected chip says, and the bytes that the processor has sent it.
     answer: [u8; FRAME],
     heard: Vec<u8>,
+    /// All bytes that the processor ever sent.
+    sent: Vec<u8>,
     by_processor: usize,
     by_dma: usize,
     /// Every write, by register: for the order.
@@ -67,6 +90,10 @@ impl Hardware {
             return;
         }
         assert_eq!(self.spi[1], 0, "selection changes while the SPI asks for DMA");
+        for stream in [dma::IN, dma::OUT] {
+            let running = self.stream(stream, dma::CR) & dma::ENABLE != 0;
+            assert!(!running, "selection changes under a stream");
+        }
         if let Some(line) = before {
             let heard = std::mem::take(&mut self.heard);
             if !heard.is_empty() {
@@ -82,9 +109,22 @@ impl Hardware {
 
     fn spi_read(&mut self, offset: usize) -> u32 {
         match offset {
-            spi::SR => self.spi[2] | spi::TX_EMPTY,
+            spi::SR => {
+                let status = self.spi[2];
+                if std::mem::take(&mut self.drained) {
+                    self.spi[2] &= !spi::OVERRUN;
+                }
+                match self.peripheral {
+                    Peripheral::NeverEmpty => status,
+                    Peripheral::NeverFull => spi::TX_EMPTY | status & !spi::RX_NOT_EMPTY,
+                    Peripheral::Faults => spi::TX_EMPTY | spi::MODE_FAULT | status,
+                    Peripheral::Busy => spi::TX_EMPTY | spi::BUSY | status,
+                    Peripheral::Works | Peripheral::Overruns => spi::TX_EMPTY | status,
+                }
+            }
             spi::DR => {
-                self.spi[2] &= !(spi::RX_NOT_EMPTY | spi::OVERRUN);
+                self.spi[2] &= !spi::RX_NOT_EMPTY;
+                self.drained = true;
                 self.spi[3]
             }
             other => self.spi[other / 4],
@@ -98,7 +138,11 @@ impl Hardware {
                 assert_ne!(self.spi[0] & 1 << 6, 0, "the SPI is off");
                 self.spi[3] = self.answer[self.heard.len()].into();
                 self.heard.push(value as u8);
+                self.sent.push(value as u8);
                 self.spi[2] |= spi::RX_NOT_EMPTY;
+                if self.peripheral == Peripheral::Overruns {
+                    self.spi[2] |= spi::OVERRUN;
+                }
                 self.by_processor += 1;
             }
             spi::CR2 => {
@@ -136,9 +180,23 @@ impl Hardware {
         if offset == dma::FLAGS && self.spi[1] & spi::TX_DMA != 0 {
             match self.controller {
                 Controller::Works if self.left == 0 => self.carry(),
-                Controller::Works => self.left -= 1,
-                Controller::Fails => self.dma[0] |= 1 << 3,
-                Controller::Absent | Controller::Stalls => {}
+                Controller::Works => {
+                    self.left -= 1;
+                    // Half way, of both.
+                    self.dma[0] |= 0b01_0000 | 0b01_0000 << 22;
+                }
+                Controller::Fails(flag) => self.dma[0] |= flag,
+                // What was to be taken in by then was not.
+                Controller::Stalls => self.spi[2] |= spi::RX_NOT_EMPTY | spi::OVERRUN,
+                Controller::Absent => {}
+            }
+        }
+        for (stream, left) in [dma::IN, dma::OUT].into_iter().zip(&mut self.stopping) {
+            if offset == stream && *left > 0 {
+                *left -= 1;
+                if *left == 0 {
+                    self.dma[offset / 4] &= !dma::ENABLE;
+                }
             }
         }
         self.dma[offset / 4]
@@ -157,6 +215,8 @@ impl Hardware {
             self.dma[(stream + dma::CR) / 4] &= !dma::ENABLE;
             self.dma[(stream + dma::COUNT) / 4] = 0;
         }
+        // All that came in was taken.
+        self.spi[2] = 0;
         // Complete and half way, of both.
         self.dma[0] |= 0b11_0000 | 0b11_0000 << 22;
     }
@@ -168,11 +228,16 @@ impl Hardware {
         match offset {
             dma::CLEAR => self.dma[0] &= !value,
             _ => {
-                for stream in [dma::IN, dma::OUT] {
+                for (k, stream) in [dma::IN, dma::OUT].into_iter().enumerate() {
                     let running = self.stream(stream, dma::CR) & dma::ENABLE != 0;
                     let inside = (stream..stream + 0x18).contains(&offset);
-                    let stops = offset == stream && value & dma::ENABLE == 0;
-                    assert!(!(inside && running) || stops, "a running stream is changed");
+                    if inside && running {
+                        let stops = offset == stream && value & dma::ENABLE == 0;
+                        assert!(stops, "a running stream is changed");
+                        // It ends the byte that it is at.
+                        self.stopping[k] = 3;
+                        return;
+                    }
                 }
                 self.dma[offset / 4] = value;
             }
@@ -249,10 +314,14 @@ fn built(controller: Controller) -> (&'static Bus<Imitation>, Rc<RefCell<Hardwar
         lines: 0,
         chips: (0..5).map(|line| Ads131m08Chip::showing(counts(line))).collect(),
         controller,
+        peripheral: Peripheral::Works,
+        drained: false,
+        stopping: [0; 2],
         slow: 3,
         left: 0,
         answer: [0; FRAME],
         heard: Vec::new(),
+        sent: Vec::new(),
         by_processor: 0,
         by_dma: 0,
         written: Vec::new(),
@@ -391,10 +460,13 @@ fn a_transaction_waits_for_the_frame_of_another() {
 #[test]
 fn what_goes_wrong_is_told_and_mended() {
     let (mut chips, hardware) = hand(Controller::Works);
-    hardware.borrow_mut().controller = Controller::Fails;
-    assert_eq!(chips[3].poll(), Ok(None));
+    // Transfer and direct mode, of the stream that comes in and of that which goes out.
     let failed = Err(DriverError::Bus(ErrorKind::Overrun));
-    assert_eq!((chips[3].poll(), hardware.borrow().selected()), (failed, None));
+    for flag in [3, 2, 25, 24] {
+        hardware.borrow_mut().controller = Controller::Fails(1 << flag);
+        assert_eq!(chips[3].poll(), Ok(None));
+        assert_eq!((chips[3].poll(), hardware.borrow().selected()), (failed, None), "{flag}");
+    }
     // One that stands still for ever is the others' wait until its own driver starts anew.
     hardware.borrow_mut().controller = Controller::Stalls;
     for _ in 0..3 {
@@ -421,4 +493,91 @@ fn what_goes_wrong_is_told_and_mended() {
     assert_eq!(error, Some(DriverError::Missing));
     hardware.borrow_mut().chips[4].set_fault(Fault::None);
     read(&mut chips, 3);
+}
+
+#[test]
+fn starting_is_exactly_these_writes() {
+    let (_, hardware) = built(Controller::Works);
+    // Everybody deselected; master, second edge, an eighth of the clock, software selection; then on.
+    let started = [('p', 0x18, 0x1f), ('s', 0x00, 0x315), ('s', 0x00, 0x355)];
+    assert_eq!(hardware.borrow().written, started);
+}
+
+/// Adds up what is waited.
+#[derive(Clone, Default)]
+struct Watch(Rc<RefCell<u32>>);
+
+impl DelayNs for Watch {
+    fn delay_ns(&mut self, ns: u32) {
+        *self.0.borrow_mut() += ns;
+    }
+}
+
+#[test]
+fn a_transaction_is_its_operations_in_order() {
+    let (bus, hardware) = built(Controller::Works);
+    let watch = Watch::default();
+    // There are five lines: a larger number stands for the last.
+    let mut chip = Chip::new(bus, 7, watch.clone());
+    let answer = hardware.borrow().chips[4].clone().answer_to_nothing();
+    let (mut read, mut more, mut less, mut both) = ([0; 3], [0; 4], [0; 1], [9, 8]);
+    let outcome = chip.transaction(&mut [
+        Operation::Read(&mut read),
+        Operation::Write(&[1, 2]),
+        Operation::DelayNs(700),
+        Operation::Transfer(&mut more, &[3]),
+        Operation::Transfer(&mut less, &[4, 5, 6]),
+        Operation::TransferInPlace(&mut both),
+    ]);
+    assert_eq!((outcome, *watch.0.borrow()), (Ok(()), 700));
+    let hardware = hardware.borrow();
+    assert_eq!(hardware.sent, [0, 0, 0, 1, 2, 3, 0, 0, 0, 4, 5, 6, 9, 8]);
+    assert_eq!((&read[..], &more[..]), (&answer[..3], &answer[5..9]));
+    assert_eq!((&less[..], &both[..]), (&answer[9..10], &answer[12..14]));
+    let lines: Vec<u32> = hardware.written.iter().filter(|w| w.0 == 'p').map(|w| w.2).collect();
+    assert_eq!(lines, [0x1f, 1 << 20, 0x1f]);
+}
+
+#[test]
+fn what_is_wrong_with_the_spi_is_told() {
+    let faults = [
+        (Peripheral::Overruns, ErrorKind::Overrun),
+        (Peripheral::Faults, ErrorKind::ModeFault),
+        (Peripheral::NeverEmpty, ErrorKind::Other),
+        (Peripheral::NeverFull, ErrorKind::Other),
+        (Peripheral::Busy, ErrorKind::Other),
+    ];
+    for controller in [Controller::Works, Controller::Absent] {
+        for (fault, error) in faults {
+            let (bus, hardware) = built(controller);
+            let [mut first, mut second] = [0, 1].map(|line| Chip::new(bus, line, NoDelay));
+            hardware.borrow_mut().peripheral = fault;
+            let mut bytes = [0; FRAME];
+            assert_eq!(first.transfer_in_place(&mut bytes), Err(error), "{fault:?}");
+            assert_eq!(hardware.borrow().selected(), None, "{fault:?}");
+            if fault == Peripheral::NeverEmpty {
+                assert_eq!(hardware.borrow().by_processor, 0, "written to a full register");
+            }
+            // A frame that the processor carries fails at once, one by DMA where its end is awaited.
+            let begun = first.begin(&[0; FRAME]);
+            if controller == Controller::Absent {
+                assert_eq!(begun, Err(error), "{fault:?}");
+                assert_eq!(first.fetch(&mut bytes), Err(ErrorKind::Other), "{fault:?}");
+            } else if fault == Peripheral::Busy {
+                assert_eq!(begun, Ok(true));
+                let end = (0..10).find_map(|_| first.fetch(&mut bytes).err());
+                assert_eq!(end, Some(ErrorKind::Overrun));
+            } else {
+                continue;
+            }
+            assert_eq!(hardware.borrow().selected(), None, "{fault:?}");
+            // The bus is another's at once, and works.
+            hardware.borrow_mut().peripheral = Peripheral::Works;
+            hardware.borrow_mut().spi[2] = 0;
+            assert_eq!(second.begin(&[0; FRAME]), Ok(true), "{fault:?}");
+            let answer = hardware.borrow().chips[1].clone().answer_to_nothing();
+            while !second.fetch(&mut bytes).unwrap() {}
+            assert_eq!(bytes[3..27], answer[3..27], "{fault:?}");
+        }
+    }
 }

@@ -49,7 +49,7 @@ pub struct ElectrodeSettings {
     pub positions: [Vector<3>; ELECTRODES],
     /// The skin.
     pub fingertip: Fingertip,
-    /// Largest word of the converter, which an electrode without impedance would give.
+    /// Largest word of the converter, which an electrode without impedance would give; at most 2¹⁵.
     pub full_scale: u16,
     /// Words are credible strictly between these.
     pub range: (u16, u16),
@@ -60,8 +60,9 @@ pub struct ElectrodeSettings {
     pub footprint: f32,
     /// How far, relatively, electrodes stray from that bell.
     pub mismatch: f32,
-    /// How far the centroid strays from the contact, standard deviation per axis, metres.
-    pub centroid: f32,
+    /// How far contacts stray from the electrode that changes most, standard deviation per axis,
+    /// metres.
+    pub stray: f32,
     /// Newtons of normal force per summed relative change.
     pub stiffness: f32,
     /// How well the skin is known.
@@ -76,11 +77,14 @@ pub struct ElectrodeSettings {
     /// and sixteen times as much of what all electrodes have in common, as when the fluid warms up:
     /// zero for a baseline that is never followed.
     pub drift: f32,
+    /// How far, relatively, all impedances may move in a second while something touches and the
+    /// baseline cannot be followed: electrodes are trusted the less, and the weak ones least.
+    pub creep: f32,
 }
 
 impl ElectrodeSettings {
     /// A BioTac. Positions, skin and converter are published; the numbers that describe how the skin
-    /// gives way (footprint, mismatch, centroid, stiffness) fit a film of fluid under it, and a real
+    /// gives way (footprint, mismatch, stray, stiffness) fit a film of fluid under it, and a real
     /// finger should be pressed at a few known places to replace them.
     pub const BIOTAC: Self = ElectrodeSettings {
         positions: BIOTAC_CORE,
@@ -90,13 +94,15 @@ impl ElectrodeSettings {
         noise: 2.0,
         footprint: 2.5e-3,
         mismatch: 0.2,
-        centroid: 2e-3,
+        stray: 2e-3,
         stiffness: 0.5,
         tolerance: Tolerance { point: 2e-4, normal: 0.02 },
         precision: 3e-3,
         detection: Hysteresis { begin: 0.02, end: 0.012, begin_readings: 3, end_readings: 3 },
         sampling: Sampling { window: 8, gap: 50_000, tare: 64, spread: 64 },
         drift: 1e-3,
+        // Two percent per kelvin, a kelvin a minute.
+        creep: 3.3e-4,
     };
 
     pub(super) const UNSET: Self = ElectrodeSettings {
@@ -107,13 +113,14 @@ impl ElectrodeSettings {
         noise: 0.0,
         footprint: 0.0,
         mismatch: 0.0,
-        centroid: 0.0,
+        stray: 0.0,
         stiffness: 0.0,
         tolerance: Tolerance { point: 0.0, normal: 0.0 },
         precision: 0.0,
         detection: Hysteresis { begin: 0.0, end: 0.0, begin_readings: 0, end_readings: 0 },
         sampling: Sampling { window: 0, gap: 0, tare: 0, spread: 0 },
         drift: 0.0,
+        creep: 0.0,
     };
 
     /// The same, if it makes sense.
@@ -121,15 +128,9 @@ impl ElectrodeSettings {
     /// # Errors
     /// What is not finite, not positive where it must be, or out of order.
     pub fn checked(mut self) -> Result<Self, CalibrationError> {
-        let positive = [
-            self.noise,
-            self.footprint,
-            self.mismatch,
-            self.centroid,
-            self.stiffness,
-            self.precision,
-        ];
-        if positive.iter().chain([&self.drift]).any(|v| !v.is_finite())
+        let positive =
+            [self.noise, self.footprint, self.mismatch, self.stray, self.stiffness, self.precision];
+        if positive.iter().chain([&self.drift, &self.creep]).any(|v| !v.is_finite())
             || self.positions.iter().any(|p| !p.is_finite())
         {
             return Err(CalibrationError::NotFinite);
@@ -138,7 +139,12 @@ impl ElectrodeSettings {
             return Err(CalibrationError::NotPositive);
         }
         let (low, high) = self.range;
-        if !(0.0..=1.0).contains(&self.drift) || low >= high || high >= self.full_scale {
+        if !(0.0..=1.0).contains(&self.drift)
+            || self.creep < 0.0
+            || low >= high
+            || high >= self.full_scale
+            || self.full_scale > 1 << 15
+        {
             return Err(CalibrationError::Range);
         }
         self.fingertip = self.fingertip.checked()?;

@@ -110,6 +110,35 @@ fn a_finger_that_cools_down_or_warms_up_is_no_contact() {
     }
 }
 
+/// A finger that cools down while it is touched: by 0.9 % of all impedances in a minute, but where the
+/// fluid goes that the touch displaces.
+#[test]
+fn impedances_that_creep_under_a_touch_do_not_deceive() {
+    let middle = Vector([-9e-3, 2e-3, -6.7e-3]);
+    let pressed = bell(&[middle], 0.4);
+    let lasts = |creep: f32| {
+        let mut estimator = ElectrodeEstimator::new();
+        let settings = ElectrodeSettings { creep, ..ElectrodeSettings::BIOTAC };
+        estimator.configure(&settings).unwrap();
+        let felt = (0..6064u32).map(|k| {
+            let mut words = match k {
+                0..64 => bell(&[], 0.0),
+                _ => colder(pressed, 1.0 + 9e-3 * (k - 64) as f32 / 6000.0),
+            };
+            words[5] = 3000;
+            estimator.estimate(&ElectrodeReading(words), 10_000 * k)
+        });
+        felt.collect::<List<_>>()
+    };
+    let felt = lasts(ElectrodeSettings::BIOTAC.creep);
+    let (first, last) = (felt[80].unwrap(), felt[6063].unwrap());
+    let error = |touch: Touch| (touch.point - middle).norm();
+    let unaware = lasts(0.0)[6063].unwrap();
+    assert!(error(last) < 0.6 * error(unaware), "{} {}", error(last), error(unaware));
+    let trace = |t: &Touch| t.covariance.at(0, 0) + t.covariance.at(1, 1) + t.covariance.at(2, 2);
+    assert!(trace(&last) > 1.5 * trace(&first), "{} {}", trace(&last), trace(&first));
+}
+
 #[test]
 fn a_word_at_an_end_is_named() {
     let mut estimator = tared();
@@ -118,6 +147,16 @@ fn a_word_at_an_end_is_named() {
         words[3] = end;
         let felt = estimator.estimate(&ElectrodeReading(words), 0);
         assert_eq!(felt, Err(NoContact::Saturated { channel: 3 }));
+    }
+    words[3] = 3000;
+    for channel in 0..ELECTRODES {
+        for wrong in [8, 4087, 0x7fff, 0x8000, 0xffff] {
+            let mut words = words;
+            words[channel] = wrong;
+            let felt = estimator.estimate(&ElectrodeReading(words), 0);
+            let channel = channel as u8;
+            assert_eq!(felt, Err(NoContact::Saturated { channel }), "{wrong}");
+        }
     }
     for inside in [9, 4086] {
         words[3] = inside;
@@ -132,7 +171,7 @@ fn a_touch_is_golden() {
     let touch = press(&mut tared(), bell(&[middle], 0.4)).unwrap();
     let [x, y, z] = touch.point.0.map(f32::to_bits);
     let bits = [x, y, z, touch.covariance.at(0, 1).to_bits(), touch.force[2].to_bits()];
-    assert_eq!(bits, [3152348571, 998840726, 3149391062, 827208848, 1049765680]);
+    assert_eq!(bits, [3152338604, 998842694, 3149389592, 827043772, 1049764512]);
 }
 
 #[test]

@@ -67,12 +67,37 @@ pub struct Row {
     pub felt: f64,
 }
 
+/// Touches that last so long, while the sensor drifts fastest.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Lasting {
+    /// What drifts.
+    pub case: &'static str,
+    /// Seconds since the touch began, which was as soon as the finger was tared.
+    pub seconds: f64,
+    /// Touches, and the share of them that is not reported then.
+    pub touches: usize,
+    /// See `touches`.
+    pub missed: f64,
+    /// Root mean square error of the contacts reported, millimetres; `None` of none.
+    pub point_mm: Option<f64>,
+    /// Mean error along the skin squared, in units of its covariance: two if that is honest.
+    pub squared: Option<f64>,
+}
+
 /// The whole experiment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Table {
     /// By case, first followed, then not; by time.
     pub rows: Vec<Row>,
+    /// By case and time.
+    pub lasting: Vec<Lasting>,
 }
+
+/// Seconds after which a touch that lasts is looked at.
+const LOOKED_AT: [f64; 4] = [0.1, 1.0, 10.0, 60.0];
+
+/// Touches of a seed that last, each on a finger of its own.
+const TOUCHES: u64 = 12;
 
 /// Runs an hour, or as many `seconds` as are asked for, with up to four seeds.
 ///
@@ -112,7 +137,47 @@ pub fn run(seeds: u64, seconds: f64) -> Result<Table, CalibrationError> {
             }
         }
     }
-    Ok(Table { rows })
+    Ok(Table { rows, lasting: lasting(seeds.min(SEEDS))? })
+}
+
+/// Touches of 1 N that last, on a finger that drifts as fast as it ever does.
+fn lasting(seeds: u64) -> Result<Vec<Lasting>, CalibrationError> {
+    let mut table = Vec::new();
+    for (case, kind, warming) in CASES {
+        let touches: Vec<_> = (0..seeds * TOUCHES)
+            .into_par_iter()
+            .map(|seed| last(kind, warming, seed))
+            .collect::<Result<_, _>>()?;
+        for (k, seconds) in LOOKED_AT.into_iter().enumerate() {
+            let felt = || touches.iter().filter_map(|misses: &[Option<Miss>; 4]| misses[k]);
+            let count = felt().count();
+            let some = |value: f64| (count > 0).then_some(value);
+            table.push(Lasting {
+                case,
+                seconds,
+                touches: touches.len(),
+                missed: 1.0 - count as f64 / touches.len() as f64,
+                point_mm: some(1e3 * rms(felt().map(|m| m.point))),
+                squared: some(felt().map(|m| m.squared).sum::<f64>() / count as f64),
+            });
+        }
+    }
+    Ok(table)
+}
+
+/// One touch: what is felt when it is looked at.
+fn last(kind: Kind, warming: f64, seed: u64) -> Result<[Option<Miss>; 4], CalibrationError> {
+    let [mut random] = Random::streams(seed ^ 0x1a57);
+    let mut finger = Finger::new(kind, warming, true, seed)?;
+    let place = finger.skin.at(0.004 + 0.016 * random.unit(), random.around_zero(1.0));
+    let push = Push::new(place, NEWTONS, SLIDE * random.unit(), random.direction(3));
+    let (begin, mut felt) = (finger.seconds(), Err(NoContact::TooLight));
+    Ok(LOOKED_AT.map(|seconds| {
+        while finger.seconds() < begin + seconds {
+            felt = finger.read(&[push]);
+        }
+        felt.ok().map(|touch| Miss::of(&touch, &push))
+    }))
 }
 
 #[derive(Clone, Default)]
@@ -255,6 +320,26 @@ impl fmt::Display for Table {
                 100.0 * r.felt,
             )?;
         }
-        write!(f, "  root mean squares over what is reported at the end of a push")
+        writeln!(f, "  root mean squares over what is reported at the end of a push")?;
+        writeln!(f, "Touches of 1 N that last, from the tare on")?;
+        writeln!(
+            f,
+            "  {:<22}{:>9}{:>9}{:>10}{:>11}{:>15}",
+            "sensor", "seconds", "touches", "missed", "error mm", "normalised ²"
+        )?;
+        for l in &self.lasting {
+            let number = |v: Option<f64>| v.map_or("–".into(), |v| format!("{v:.2}"));
+            writeln!(
+                f,
+                "  {:<22}{:>9.1}{:>9}{:>8.1} %{:>11}{:>15}",
+                l.case,
+                l.seconds,
+                l.touches,
+                100.0 * l.missed,
+                number(l.point_mm),
+                number(l.squared),
+            )?;
+        }
+        write!(f, "  normalised: by the covariance; two if that is honest")
     }
 }

@@ -215,8 +215,7 @@ impl Bench {
 
     /// The mean words under a push, and what is felt.
     fn feel(&mut self, pushes: &[Push]) -> ([f64; 19], Result<Touch, NoContact>) {
-        // A pause, so that nothing from before is averaged.
-        self.time = self.time.wrapping_add(1_000_000);
+        self.pause();
         let (mut mean, mut felt) = ([0.0; 19], Err(NoContact::TooLight));
         for _ in 0..WINDOW {
             let (words, result) = self.read(pushes);
@@ -224,6 +223,19 @@ impl Bench {
             felt = result;
         }
         (mean, felt)
+    }
+
+    /// So that nothing from before is averaged.
+    fn pause(&mut self) {
+        self.time = self.time.wrapping_add(1_000_000);
+    }
+
+    /// Free for long enough that it is believed.
+    fn rest(&mut self) {
+        self.pause();
+        for _ in 0..4 {
+            let _free = self.read(&[]);
+        }
     }
 
     /// Equation 2.24 as it stands: magnitudes of the words' changes, positions on the core; then the
@@ -258,9 +270,7 @@ fn press(
             centroid: all - push.point,
             rising: rising - push.point,
         }));
-        for _ in 0..4 {
-            let _rest = bench.read(&[]);
-        }
+        bench.rest();
     }
     Ok(felt)
 }
@@ -278,9 +288,7 @@ fn pairs(settings: &ElectrodeSettings, seed: u64) -> Result<Vec<bool>, Calibrati
             continue;
         }
         refused.push(bench.feel(&two).1.is_err());
-        for _ in 0..4 {
-            let _rest = bench.read(&[]);
-        }
+        bench.rest();
     }
     Ok(refused)
 }

@@ -3,6 +3,7 @@
 pub mod drift;
 pub mod electrodes;
 mod figures;
+mod single;
 #[cfg(test)]
 mod tests;
 pub mod wrench;

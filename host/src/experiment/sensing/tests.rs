@@ -36,6 +36,12 @@ fn a_newton_is_felt_within_half_a_millimetre() {
     {
         assert!(pair[0].newtons < 0.15 || pair[1].point_mm < pair[0].point_mm, "{pair:?}");
     }
+    // Of two contacts at once all are refused that can be told from one.
+    assert_eq!(table.several.len(), 4);
+    for (skin, several) in &table.several {
+        assert!((several.refused - several.bound).abs() <= 0.05, "{skin} {several:?}");
+        assert!((0.2..0.9).contains(&several.bound), "{skin} {several:?}");
+    }
     assert!(table.to_string().contains("goal at 1 N"));
     assert!(table.picture().is_ok());
 }
@@ -57,6 +63,11 @@ fn drift_that_is_followed_does_no_harm() {
     // Five minutes, in which it drifts fastest: twelve parts, and the last six of them judged.
     let table = drift::run(1, 300.0).unwrap();
     assert_eq!(table.rows.len(), 3 * 2 * 12);
+    // A touch that lasts is reported all the time, and its covariance holds.
+    assert_eq!(table.lasting.len(), 3 * 4);
+    for touch in &table.lasting {
+        assert!(touch.missed == 0.0 && touch.squared.unwrap() < 3.5, "{touch:?}");
+    }
     for case in table.rows.chunks(24) {
         let sum = |rows: &[drift::Row]| {
             let missed: f64 = rows.iter().map(|r| r.missed * r.pushes as f64).sum();
@@ -187,15 +198,14 @@ fn electrodes_agree_with_double_precision() {
                 largest = largest.max(change);
             }
         }
-        let total: f64 = used.iter().map(|u| u.1).sum();
-        let mean = used.iter().map(|u| u.0 * u.1).sum::<Point>() / total;
+        let strongest = used.iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap().0;
         let (foot, outward) = {
-            let (along, around) = Skin::BIOTAC.place(&mean);
+            let (along, around) = Skin::BIOTAC.place(&strongest);
             Skin::BIOTAC.at(along, around)
         };
         let u = outward.cross(&Point::x()).try_normalize(1e-6).unwrap_or(Point::y());
         let v = outward.cross(&u);
-        let prior = f64::from(settings.centroid).powi(-2);
+        let prior = f64::from(settings.stray).powi(-2);
         let mut normal = Matrix3::from_diagonal(&Point::new(0.0, prior, prior));
         let mut right = Point::zeros();
         for (at, change, noise) in used.iter().filter(|u| u.1 > 0.04 * largest) {

@@ -1,5 +1,8 @@
+use core::cell::Cell;
+use std::rc::Rc;
 use std::vec::Vec;
 
+use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::{ErrorKind, ErrorType, Operation, SpiDevice};
 use embedded_hal_mock::eh1::delay::NoopDelay;
 use embedded_hal_mock::eh1::digital::{Mock as Pin, State, Transaction as Look};
@@ -117,6 +120,31 @@ fn the_pin_spares_the_bus() {
     // On its way the pin is not looked at.
     assert_eq!(gauges.poll(), Ok(Some(COUNTS)));
     pin.done();
+}
+
+/// Adds up what is waited.
+#[derive(Clone, Default)]
+struct Watch(Rc<Cell<u32>>);
+
+impl DelayNs for Watch {
+    fn delay_ns(&mut self, ns: u32) {
+        self.0.set(self.0.get() + ns);
+    }
+}
+
+#[test]
+fn two_periods_are_waited_and_no_longer() {
+    let watch = Watch::default();
+    let chip = Ads131m08::polled(Carried::new(COUNTS), watch.clone(), Settings::GAUGES);
+    let mut gauges = Overlapped::new(chip);
+    gauges.start().unwrap();
+    gauges.spi().chip.set_fault(Fault::Stuck);
+    watch.0.set(0);
+    gauges.spi().begun.clear();
+    assert_eq!(gauges.sample(), Err(DriverError::Timeout));
+    // 2 · 1000 µs in steps of 20 µs, and two looks more; every second one fetches.
+    assert_eq!(watch.0.get(), 102 * 20_000);
+    assert_eq!(gauges.spi().begun.len(), 51);
 }
 
 #[test]
