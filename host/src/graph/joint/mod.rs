@@ -31,6 +31,8 @@ pub mod tangent;
 
 pub use planes::{Corrected, Effort, Plane, planes};
 
+use nalgebra::Matrix6;
+
 use crate::log::GraspLog;
 use crate::reference::Contact;
 use crate::slam::choose;
@@ -50,9 +52,10 @@ const ROUND: usize = 2;
 /// tracker's, which knows more than the surface does: of poses that are as likely, its own stand.
 const DECISIVE: f64 = 3.0;
 
-/// The log's steps corrected by faces where the object that they make is to be believed
-/// ([`choose::judge`]), else by the smooth surface of least cost, whether it starts from the tracker's
-/// poses, from those of the faces or from those of a round body. `None` where the tracker's poses stand.
+/// The log's steps corrected by a round body that explains the contacts to their noise, by faces where the
+/// object that they make is to be believed ([`choose::judge`]), else by the smooth surface of least cost,
+/// whether it starts from the tracker's poses, from those of the faces or from those of a round body.
+/// `None` where the tracker's poses stand.
 pub fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
     corrected(log, steps, Effort::default())
 }
@@ -68,6 +71,11 @@ fn corrected(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected
     if log.grasps.len() < ENOUGH {
         return None;
     }
+    // Few numbers that explain everything are to be believed before many, and are found sooner.
+    let round = round_bodies(log, steps, effort.retrack);
+    if let Some(body) = round.first().filter(|body| body.is_body()) {
+        return Some(bodily(log, body, steps));
+    }
     let flat = planes(log, &[steps], effort);
     let believed = |flat: &Corrected| {
         let contacts = place(log, &flat.relative());
@@ -80,7 +88,11 @@ fn corrected(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected
     let starts: Vec<&[Step]> =
         std::iter::once(steps).chain(flat.as_ref().map(|f| &f.steps[..])).collect();
     let near = surface::smooth(log, &starts);
-    let round = if effort.retrack { round_bodies(log, steps.first()) } else { Vec::new() };
+    let round: Vec<Vec<Step>> = round
+        .into_iter()
+        .take(if effort.retrack { ROUND } else { 0 })
+        .map(|body| body.poses.into_iter().map(Step::certain).collect())
+        .collect();
     let far = (!round.is_empty())
         .then(|| surface::smooth(log, &round.iter().map(|s| &s[..]).collect::<Vec<_>>()))
         .flatten();
@@ -89,6 +101,23 @@ fn corrected(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected
         (Some(near), _) => Some(near),
         (None, far) => far.map(|far| told(far, steps)).or(flat),
     }
+}
+
+/// The poses of a round body that leaves nothing for a smooth surface to explain.
+fn bodily(log: &GraspLog, body: &round::Followed, steps: &[Step]) -> Corrected {
+    let first = || std::iter::once(Matrix6::zeros());
+    let marginal = first().chain(body.covariance.iter().copied());
+    let poses = body.poses.iter().zip(marginal);
+    let poses = poses.map(|(pose, covariance)| Step { covariance, ..Step::certain(*pose) });
+    let corrected = Corrected {
+        steps: poses.collect(),
+        given_faces: first().chain(body.given_body.iter().copied()).collect(),
+        faces: Vec::new(),
+        owners: vec![None; Problem::new(log).felt.len()],
+        cost: body.cost,
+        per_degree: body.per_degree,
+    };
+    told(corrected, steps)
 }
 
 /// With what the tracker said of each grasp but for its pose.
@@ -101,16 +130,16 @@ fn told(corrected: Corrected, steps: &[Step]) -> Corrected {
     Corrected { steps: steps.collect(), ..corrected }
 }
 
-/// The likeliest trajectories of a round body, from the first step's pose.
-fn round_bodies(log: &GraspLog, first: Option<&Step>) -> Vec<Vec<Step>> {
+/// The likeliest trajectories of a round body from the first step's pose on: near these, and with `search`
+/// wherever.
+fn round_bodies(log: &GraspLog, steps: &[Step], search: bool) -> Vec<round::Followed> {
     let problem = Problem::new(log);
-    let first = first.map(|step| step.pose);
-    let found = match log.dimension {
-        2 => round::trajectories::<3>(&problem, first),
-        _ => round::trajectories::<6>(&problem, first),
-    };
-    let certain = |poses: Vec<Pose>| poses.into_iter().map(Step::certain).collect();
-    found.into_iter().take(ROUND).map(certain).collect()
+    let given: Vec<Option<Pose>> = steps.iter().map(|step| Some(step.pose)).collect();
+    let given = problem.poses(&given);
+    match log.dimension {
+        2 => round::trajectories::<3>(&problem, Some(&given), search),
+        _ => round::trajectories::<6>(&problem, Some(&given), search),
+    }
 }
 
 #[cfg(test)]
