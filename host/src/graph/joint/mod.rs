@@ -52,10 +52,10 @@ const ROUND: usize = 2;
 /// tracker's, which knows more than the surface does: of poses that are as likely, its own stand.
 const DECISIVE: f64 = 3.0;
 
-/// The log's steps corrected by a round body that explains the contacts to their noise, by faces where the
-/// object that they make is to be believed ([`choose::judge`]), else by the smooth surface of least cost,
-/// whether it starts from the tracker's poses, from those of the faces or from those of a round body.
-/// `None` where the tracker's poses stand.
+/// The log's steps corrected by faces where the object that they make is to be believed
+/// ([`choose::judge`]), or by a round body that explains the contacts to their noise and with fewer
+/// numbers; else by the smooth surface of least cost, whether it starts from the tracker's poses, from
+/// those of the faces or from those of a round body. `None` where the tracker's poses stand.
 pub fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
     corrected(log, steps, Effort::default())
 }
@@ -71,22 +71,32 @@ fn corrected(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected
     if log.grasps.len() < ENOUGH {
         return None;
     }
-    // Few numbers that explain everything are to be believed before many, and are found sooner.
-    let round = round_bodies(log, steps, effort.retrack);
-    if let Some(body) = round.first().filter(|body| body.is_body()) {
-        return Some(bodily(log, body, steps));
+    let problem = Problem::new(log);
+    // In the plane faces are found at once, and an ellipse with two ends is nearly a hexagon.
+    let near = round_bodies(&problem, &[steps], false);
+    if let Some(body) = near.first().filter(|body| log.dimension == 3 && body.is_plain()) {
+        return Some(bodily(&problem, body, steps));
     }
     let flat = planes(log, &[steps], effort);
+    let starts: Vec<&[Step]> =
+        std::iter::once(steps).chain(flat.as_ref().map(|f| &f.steps[..])).collect();
     let believed = |flat: &Corrected| {
         let contacts = place(log, &flat.relative());
         let contacts: Vec<Contact> = contacts.into_iter().map(|p| p.contact).collect();
         choose::judge(log.dimension, &contacts, &[]).is_ok()
     };
-    if flat.as_ref().is_some_and(believed) {
+    let is_flat = flat.as_ref().is_some_and(believed);
+    let round = round_bodies(&problem, &starts, effort.retrack && !is_flat);
+    let at_most = match &flat {
+        Some(flat) if is_flat => planes::criterion(&problem, flat),
+        _ => f64::INFINITY,
+    };
+    if let Some(body) = round.first().filter(|body| body.is_body() && body.cost < at_most) {
+        return Some(bodily(&problem, body, steps));
+    }
+    if is_flat {
         return flat;
     }
-    let starts: Vec<&[Step]> =
-        std::iter::once(steps).chain(flat.as_ref().map(|f| &f.steps[..])).collect();
     let near = surface::smooth(log, &starts);
     let round: Vec<Vec<Step>> = round
         .into_iter()
@@ -104,7 +114,7 @@ fn corrected(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected
 }
 
 /// The poses of a round body that leaves nothing for a smooth surface to explain.
-fn bodily(log: &GraspLog, body: &round::Followed, steps: &[Step]) -> Corrected {
+fn bodily(problem: &Problem, body: &round::Followed, steps: &[Step]) -> Corrected {
     let first = || std::iter::once(Matrix6::zeros());
     let marginal = first().chain(body.covariance.iter().copied());
     let poses = body.poses.iter().zip(marginal);
@@ -113,7 +123,7 @@ fn bodily(log: &GraspLog, body: &round::Followed, steps: &[Step]) -> Corrected {
         steps: poses.collect(),
         given_faces: first().chain(body.given_body.iter().copied()).collect(),
         faces: Vec::new(),
-        owners: vec![None; Problem::new(log).felt.len()],
+        owners: vec![None; problem.felt.len()],
         cost: body.cost,
         per_degree: body.per_degree,
     };
@@ -130,15 +140,17 @@ fn told(corrected: Corrected, steps: &[Step]) -> Corrected {
     Corrected { steps: steps.collect(), ..corrected }
 }
 
-/// The likeliest trajectories of a round body from the first step's pose on: near these, and with `search`
+/// The likeliest trajectories of a round body, from the first pose: near those given, and with `search`
 /// wherever.
-fn round_bodies(log: &GraspLog, steps: &[Step], search: bool) -> Vec<round::Followed> {
-    let problem = Problem::new(log);
-    let given: Vec<Option<Pose>> = steps.iter().map(|step| Some(step.pose)).collect();
-    let given = problem.poses(&given);
-    match log.dimension {
-        2 => round::trajectories::<3>(&problem, Some(&given), search),
-        _ => round::trajectories::<6>(&problem, Some(&given), search),
+fn round_bodies(problem: &Problem, given: &[&[Step]], search: bool) -> Vec<round::Followed> {
+    let poses = |steps: &&[Step]| {
+        let poses: Vec<Option<Pose>> = steps.iter().map(|step| Some(step.pose)).collect();
+        problem.poses(&poses)
+    };
+    let given: Vec<Vec<Pose>> = given.iter().map(poses).collect();
+    match problem.dimension {
+        2 => round::trajectories::<3>(problem, &given, search),
+        _ => round::trajectories::<6>(problem, &given, search),
     }
 }
 

@@ -49,14 +49,16 @@ const ENDS: usize = 2;
 /// Nats behind the best at which a hypothesis is given up.
 const HOPELESS: f64 = 30.0;
 
-/// The object is no such body where the best hypothesis leaves more than this share of the contacts of so
-/// many grasps, or more, unexplained.
+/// The object is no such body where every hypothesis of so many grasps, or more, has parallel faces for
+/// sides or leaves more than this share of the contacts unexplained.
 const SOON: usize = 6;
 const STRANGE: f64 = 0.2;
 
-/// An object is such a body where at most this share of the contacts is not explained, and χ² per degree
-/// of freedom of the others is at most so much.
+/// An object is such a body where at most this share of the contacts is not explained (and it need not be
+/// compared with flat faces where it is even fewer), and χ² per degree of freedom of the others is at most
+/// so much.
 const WILD: f64 = 0.1;
+const PLAIN: f64 = 0.02;
 const MISFIT: f64 = 1.2;
 
 /// A trajectory of the first grasps and the body it makes.
@@ -91,19 +93,24 @@ pub struct Followed {
 }
 
 impl Followed {
+    /// Whether nothing but such a body need be considered: it explains nearly every contact.
+    pub fn is_plain(&self) -> bool {
+        self.is_body() && self.wild <= PLAIN
+    }
+
     /// Whether the object is such a body: it explains the contacts to their noise, but for a few.
     pub fn is_body(&self) -> bool {
         self.round && self.wild <= WILD && self.per_degree <= MISFIT
     }
 }
 
-/// The likeliest trajectories of an object that is a quadric with flat ends, best first, from the first of
-/// the `given` poses and near all of them; none for longer logs than would be quick, or where a number is
+/// The likeliest trajectories of an object that is a quadric with flat ends, best first, near those that
+/// are `given`, which all have the same first pose; none for longer logs than would be quick, or where a number is
 /// not finite. With `search` the log is also followed without them, forwards and backwards, and single
 /// grasps are tried at other poses.
 pub fn trajectories<const D: usize>(
     problem: &Problem,
-    given: Option<&[Pose]>,
+    given: &[Vec<Pose>],
     search: bool,
 ) -> Vec<Followed> {
     let most = [problem.grasps(), problem.felt.len()];
@@ -111,9 +118,9 @@ pub fn trajectories<const D: usize>(
         return Vec::new();
     }
     let mut kept: Vec<Hypothesis> =
-        given.and_then(|poses| near::<D>(problem, poses)).into_iter().collect();
+        given.par_iter().flat_map_iter(|poses| near::<D>(problem, poses)).collect();
     if search {
-        let first = given.and_then(|poses| poses.first()).copied();
+        let first = given.first().and_then(|poses| poses.first()).copied();
         let (ahead, back) =
             rayon::join(|| follow::<D>(problem, first), || backwards::<D>(problem, first));
         kept.extend(ahead);
@@ -142,7 +149,9 @@ fn follow<const D: usize>(problem: &Problem, first: Option<Pose>) -> Vec<Hypothe
             .collect();
         best(&mut next);
         kept = next;
-        if grasp >= SOON && kept.first().is_none_or(|one| wild(problem, one) > STRANGE) {
+        let likely =
+            |one: &Hypothesis| one.body.is_round(one.ball.1) && wild(problem, one) <= STRANGE;
+        if grasp >= SOON && !kept.iter().any(likely) {
             return Vec::new();
         }
     }

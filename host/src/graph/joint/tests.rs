@@ -445,3 +445,29 @@ fn slopes<const D: usize>(
     }
     Ok(())
 }
+
+#[test]
+fn what_is_round_has_no_faces_and_what_is_flat_has() {
+    let slipping = |object: &str| {
+        let spec: crate::sim::ObjectSpec = object.parse().unwrap();
+        let angle = if spec.dimension() == 2 { 0.35 } else { 0.2 };
+        let motion_noise = crate::quantity::Deviation { length: 0.01, angle };
+        let log = simulate(&Options { motion_noise, grasps: Some(12), ..Options::new(spec) });
+        log.unwrap().log
+    };
+    for object in ["ellipse:0.1x0.06", "ellipsoid:0.1x0.08x0.06"] {
+        let log = slipping(object);
+        let truth = track::truth(&log).unwrap();
+        let found = super::refine(&log, &truth).unwrap();
+        assert!(found.faces.is_empty() && found.per_degree < 1.2, "{object} {}", found.per_degree);
+        assert_eq!(found.steps[0].pose, truth[0].pose);
+        let last = found.steps.last().unwrap();
+        // Less certain than if the body were known.
+        let known = found.given_faces.last().unwrap();
+        assert!(known[(0, 0)] > 0.0 && last.covariance[(0, 0)] > known[(0, 0)], "{object}");
+        assert!(found.shape(&log).is_none());
+    }
+    let log = slipping("hexagon:0.045");
+    let found = super::refine(&log, &track::truth(&log).unwrap()).unwrap();
+    assert_eq!(found.faces.len(), 6);
+}
