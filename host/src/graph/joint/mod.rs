@@ -73,9 +73,12 @@ fn corrected(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected
     }
     let problem = Problem::new(log);
     // In the plane faces are found at once, and an ellipse with two ends is nearly a hexagon.
-    let near = round_bodies(&problem, &[steps], false);
-    if let Some(body) = near.first().filter(|body| log.dimension == 3 && body.is_plain()) {
-        return Some(bodily(&problem, body, steps));
+    if log.dimension == 3 {
+        let near = round_bodies(&problem, &[steps], false);
+        if near.first().is_some_and(round::Followed::is_plain) {
+            let round = if effort.retrack { round_bodies(&problem, &[steps], true) } else { near };
+            return round.first().map(|body| bodily(&problem, body, steps));
+        }
     }
     let flat = planes(log, &[steps], effort);
     let starts: Vec<&[Step]> =

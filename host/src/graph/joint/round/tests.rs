@@ -106,6 +106,39 @@ fn an_end_that_single_contacts_felt_is_found() {
 }
 
 #[test]
+fn one_contact_is_reason_for_an_end() {
+    let problem = Problem::new(&slipping("cylinder:0.06x0.08", 1, 1, 0.0).log);
+    let touch = |point: Point, normal: Point| {
+        let contact =
+            Contact { point, normal: Some(normal), point_deviation: 1e-3, normal_deviation: 0.09 };
+        crate::graph::joint::problem::Felt { grasp: 0, contact }
+    };
+    let mut felt: Vec<_> = (0..6)
+        .map(|i| {
+            let (sin, cos) = f64::from(i).sin_cos();
+            let normal = Point::new(cos, sin, 0.0);
+            touch(normal * 0.03 + Point::z() * 0.01 * (f64::from(i) - 2.0), normal)
+        })
+        .collect();
+    let of = |felt: &[_]| {
+        let problem =
+            Problem { felt: felt.to_vec(), starts: vec![0, felt.len()], ..problem.clone() };
+        let body = Round {
+            centre: Point::zeros(),
+            side: Side::Cylinder(Point::z(), 0.03),
+            ends: Vec::new(),
+        };
+        let ball = (Point::zeros(), 0.04);
+        let poses = vec![Pose::identity()];
+        candidates(&problem, &Hypothesis { poses, body, ball, cost: 0.0 })
+    };
+    assert!(of(&felt).is_empty());
+    felt.push(touch(Point::new(0.01, 0.0, 0.04), Point::z()));
+    let [end] = of(&felt)[..] else { panic!("one end") };
+    assert!((end.normal - Point::z()).norm() < 1e-9 && (end.offset - 0.04).abs() < 1e-9);
+}
+
+#[test]
 fn only_what_is_round_is_a_round_body() {
     let is_body = |object: &str, outliers: f64| {
         let log = slipping(object, 8, 3, outliers).log;
