@@ -31,6 +31,8 @@ pub mod tangent;
 
 pub use planes::{Corrected, Effort, Plane, planes};
 
+use nalgebra::Matrix6;
+
 use crate::log::GraspLog;
 use crate::reference::Contact;
 use crate::slam::choose;
@@ -51,8 +53,9 @@ const ROUND: usize = 2;
 const DECISIVE: f64 = 3.0;
 
 /// The log's steps corrected by faces where the object that they make is to be believed
-/// ([`choose::judge`]), else by the smooth surface of least cost, whether it starts from the tracker's
-/// poses, from those of the faces or from those of a round body. `None` where the tracker's poses stand.
+/// ([`choose::judge`]), or by a round body that explains the contacts to their noise and with fewer
+/// numbers; else by the smooth surface of least cost, whether it starts from the tracker's poses, from
+/// those of the faces or from those of a round body. `None` where the tracker's poses stand.
 pub fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
     corrected(log, steps, Effort::default())
 }
@@ -68,19 +71,41 @@ fn corrected(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected
     if log.grasps.len() < ENOUGH {
         return None;
     }
+    let problem = Problem::new(log);
+    // In the plane faces are found at once, and an ellipse with two ends is nearly a hexagon.
+    if log.dimension == 3 {
+        let near = round_bodies(&problem, &[steps], false);
+        if near.first().is_some_and(round::Followed::is_plain) {
+            let round = if effort.retrack { round_bodies(&problem, &[steps], true) } else { near };
+            return round.first().map(|body| bodily(&problem, body, steps));
+        }
+    }
     let flat = planes(log, &[steps], effort);
+    let starts: Vec<&[Step]> =
+        std::iter::once(steps).chain(flat.as_ref().map(|f| &f.steps[..])).collect();
     let believed = |flat: &Corrected| {
         let contacts = place(log, &flat.relative());
         let contacts: Vec<Contact> = contacts.into_iter().map(|p| p.contact).collect();
         choose::judge(log.dimension, &contacts, &[]).is_ok()
     };
-    if flat.as_ref().is_some_and(believed) {
+    let is_flat = flat.as_ref().is_some_and(believed);
+    let round = round_bodies(&problem, &starts, effort.retrack && !is_flat);
+    let at_most = match &flat {
+        Some(flat) if is_flat => planes::criterion(&problem, flat),
+        _ => f64::INFINITY,
+    };
+    if let Some(body) = round.first().filter(|body| body.is_body() && body.cost < at_most) {
+        return Some(bodily(&problem, body, steps));
+    }
+    if is_flat {
         return flat;
     }
-    let starts: Vec<&[Step]> =
-        std::iter::once(steps).chain(flat.as_ref().map(|f| &f.steps[..])).collect();
     let near = surface::smooth(log, &starts);
-    let round = if effort.retrack { round_bodies(log, steps.first()) } else { Vec::new() };
+    let round: Vec<Vec<Step>> = round
+        .into_iter()
+        .take(if effort.retrack { ROUND } else { 0 })
+        .map(|body| body.poses.into_iter().map(Step::certain).collect())
+        .collect();
     let far = (!round.is_empty())
         .then(|| surface::smooth(log, &round.iter().map(|s| &s[..]).collect::<Vec<_>>()))
         .flatten();
@@ -89,6 +114,23 @@ fn corrected(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected
         (Some(near), _) => Some(near),
         (None, far) => far.map(|far| told(far, steps)).or(flat),
     }
+}
+
+/// The poses of a round body that leaves nothing for a smooth surface to explain.
+fn bodily(problem: &Problem, body: &round::Followed, steps: &[Step]) -> Corrected {
+    let first = || std::iter::once(Matrix6::zeros());
+    let marginal = first().chain(body.covariance.iter().copied());
+    let poses = body.poses.iter().zip(marginal);
+    let poses = poses.map(|(pose, covariance)| Step { covariance, ..Step::certain(*pose) });
+    let corrected = Corrected {
+        steps: poses.collect(),
+        given_faces: first().chain(body.given_body.iter().copied()).collect(),
+        faces: Vec::new(),
+        owners: vec![None; problem.felt.len()],
+        cost: body.cost,
+        per_degree: body.per_degree,
+    };
+    told(corrected, steps)
 }
 
 /// With what the tracker said of each grasp but for its pose.
@@ -101,16 +143,18 @@ fn told(corrected: Corrected, steps: &[Step]) -> Corrected {
     Corrected { steps: steps.collect(), ..corrected }
 }
 
-/// The likeliest trajectories of a round body, from the first step's pose.
-fn round_bodies(log: &GraspLog, first: Option<&Step>) -> Vec<Vec<Step>> {
-    let problem = Problem::new(log);
-    let first = first.map(|step| step.pose);
-    let found = match log.dimension {
-        2 => round::trajectories::<3>(&problem, first),
-        _ => round::trajectories::<6>(&problem, first),
+/// The likeliest trajectories of a round body, from the first pose: near those given, and with `search`
+/// wherever.
+fn round_bodies(problem: &Problem, given: &[&[Step]], search: bool) -> Vec<round::Followed> {
+    let poses = |steps: &&[Step]| {
+        let poses: Vec<Option<Pose>> = steps.iter().map(|step| Some(step.pose)).collect();
+        problem.poses(&poses)
     };
-    let certain = |poses: Vec<Pose>| poses.into_iter().map(Step::certain).collect();
-    found.into_iter().take(ROUND).map(certain).collect()
+    let given: Vec<Vec<Pose>> = given.iter().map(poses).collect();
+    match problem.dimension {
+        2 => round::trajectories::<3>(problem, &given, search),
+        _ => round::trajectories::<6>(problem, &given, search),
+    }
 }
 
 #[cfg(test)]

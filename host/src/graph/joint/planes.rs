@@ -5,11 +5,12 @@ use nalgebra::{Const, DimMin, Matrix3, Matrix6};
 use super::alias::restart;
 use super::average::{Averaged, averaged};
 use super::explain::{fitted, improve, settle};
-use super::problem::{Labels, Problem, State};
+use super::factors::{step, touch};
+use super::problem::{Labels, Motion, Problem, State};
 use super::regular::regular;
 use super::retrack::retrack;
 use super::solve::Solved;
-use super::tangent::six_by_six;
+use super::tangent::{Face, six_by_six};
 use crate::log::GraspLog;
 use crate::reference::faces::Owner;
 use crate::reference::{self, Contact, Faces};
@@ -257,6 +258,33 @@ fn corrected<const D: usize>(
     })
 }
 
+/// Negative log evidence of contacts, motions and faces, nats, as the Bayesian information criterion has
+/// it: to be compared with that of a body that is not made of faces.
+pub(super) fn criterion(problem: &Problem, found: &Corrected) -> f64 {
+    let poses: Vec<Pose> = found.steps.iter().map(|step| step.pose).collect();
+    let of_faces: Vec<Face> =
+        found.faces.iter().map(|f| Face { normal: f.normal, offset: f.offset }).collect();
+    let contact = |i: usize| {
+        let felt = &problem.felt[i];
+        let on = |face: &Face| {
+            let touch = touch(&poses[felt.grasp], face, problem.dimension, &felt.contact);
+            problem.kernel.cost(touch.residual[0].powi(2)).0
+                + problem.kernel.cost(touch.residual.fixed_rows::<3>(1).norm_squared()).0
+        };
+        of_faces.iter().map(on).fold(f64::INFINITY, f64::min)
+    };
+    let centre = problem.middle(&poses);
+    let motion = |k: usize| {
+        let Motion { pose, deviations } = &problem.motions[k];
+        let step = step(&poses[k - 1], &poses[k], pose, *deviations, &centre);
+        problem.slip.cost(step.residual.norm_squared()).0
+    };
+    let measured = (problem.felt.len() * problem.dimension).max(2) as f64;
+    (0..problem.felt.len()).map(contact).sum::<f64>()
+        + (1..poses.len()).map(motion).sum::<f64>()
+        + 0.5 * (problem.dimension * of_faces.len()) as f64 * measured.ln()
+}
+
 /// χ² of contacts and motions over the numbers measured less those found.
 fn per_degree(problem: &Problem, state: &State, labels: &Labels) -> f64 {
     let (mut chi, mut degrees) = (0.0, 0.0);
@@ -275,7 +303,7 @@ fn per_degree(problem: &Problem, state: &State, labels: &Labels) -> f64 {
     for k in 1..state.poses.len() {
         let motion = &problem.motions[k];
         let (before, after) = (&state.poses[k - 1], &state.poses[k]);
-        let step = super::factors::step(before, after, &motion.pose, motion.deviations, &centre);
+        let step = step(before, after, &motion.pose, motion.deviations, &centre);
         chi += step.residual.norm_squared();
     }
     chi / (degrees - (problem.dimension * state.faces.len()) as f64).max(1.0)

@@ -106,6 +106,22 @@ impl Problem {
         problem
     }
 
+    /// The same measurements with the last grasp first.
+    pub fn reversed(&self) -> Problem {
+        let (mut felt, mut starts) = (Vec::with_capacity(self.felt.len()), vec![0]);
+        for (grasp, own) in (0..self.grasps()).rev().map(|k| self.of(k)).enumerate() {
+            felt.extend(self.felt[own].iter().map(|f| Felt { grasp, ..*f }));
+            starts.push(felt.len());
+        }
+        // Before the first grasp of all there is no motion, nor is there one after the last.
+        let mut motions: Vec<Motion> = self.motions.iter().rev().copied().collect();
+        for motion in &mut motions {
+            motion.pose = motion.pose.inverse();
+        }
+        motions.rotate_right(1);
+        Problem { felt, starts, motions, ..self.clone() }
+    }
+
     /// How many grasps.
     pub fn grasps(&self) -> usize {
         self.motions.len()

@@ -4,10 +4,14 @@
 //! so few numbers that all poses and the body fit into one least-squares problem, as they do for faces,
 //! and so a trajectory can be found even where a tracker that learns the surface point by point is lost.
 //! Several hypotheses go from grasp to grasp, each solved as a whole, with flat ends that come and go by
-//! the Bayesian information criterion. What comes of it is a start for [`surface`](super::surface),
-//! whose process says whether the object is such a body at all.
+//! the Bayesian information criterion. Where the body explains the contacts to their noise, there is
+//! nothing left to say about them; else what comes of it is a start for [`surface`](super::surface).
+//!
+//! An object's end may be felt by one contact of a grasp, and elsewhere by another grasp, for along its
+//! sides nobody knew where it was. So one contact that the sides do not explain is reason enough for an
+//! end, which then tells where the other grasps were.
 
-use nalgebra::Point3;
+use nalgebra::{Matrix6, Point3};
 use rayon::prelude::*;
 
 use super::problem::Problem;
@@ -21,7 +25,7 @@ mod descent;
 mod tests;
 
 use body::{Round, Side};
-use descent::{alone, descend};
+use descent::{Free, alone, descend, followed, price, unexplained, wild};
 
 /// Most grasps and contacts: every grasp solves all before it again.
 const MOST: [usize; 2] = [48, 400];
@@ -40,13 +44,22 @@ const ROUNDS: usize = 3;
 
 /// Flat ends tried for one hypothesis at a time, and how many one may have.
 const CUTS: usize = 3;
-const ENDS: usize = 6;
+const ENDS: usize = 2;
 
 /// Nats behind the best at which a hypothesis is given up.
 const HOPELESS: f64 = 30.0;
 
-/// Contacts that lie on a flat end before it is tried.
-const SUPPORT: usize = 2;
+/// The object is no such body where every hypothesis of so many grasps, or more, has parallel faces for
+/// sides or leaves more than this share of the contacts unexplained.
+const SOON: usize = 6;
+const STRANGE: f64 = 0.2;
+
+/// An object is such a body where at most this share of the contacts is not explained (and it need not be
+/// compared with flat faces where it is even fewer), and χ² per degree of freedom of the others is at most
+/// so much.
+const WILD: f64 = 0.1;
+const PLAIN: f64 = 0.02;
+const MISFIT: f64 = 1.2;
 
 /// A trajectory of the first grasps and the body it makes.
 #[derive(Clone, Debug)]
@@ -59,34 +72,146 @@ struct Hypothesis {
     cost: f64,
 }
 
-/// The likeliest trajectories of an object that is a quadric with flat ends, best first, from the first
-/// pose if there is one; none for longer logs than would be quick, or where a number is not finite.
-pub fn trajectories<const D: usize>(problem: &Problem, first: Option<Pose>) -> Vec<Vec<Pose>> {
+/// A trajectory and the body that its contacts make.
+#[derive(Clone, Debug)]
+pub struct Followed {
+    /// Object to world, one per grasp, the first as given.
+    pub poses: Vec<Pose>,
+    /// Negative log evidence of contacts, motions and body, nats, as the Bayesian information criterion
+    /// has it.
+    pub cost: f64,
+    /// Share of the contacts that no part of the body explains.
+    pub wild: f64,
+    /// χ² of all other contacts and of the motions per degree of freedom: about 1 for such a body.
+    pub per_degree: f64,
+    /// Whether its sides are: two parallel faces are a quadric too.
+    pub round: bool,
+    /// Covariance of each pose but the first, with the body as uncertain as it is.
+    pub covariance: Vec<Matrix6<f64>>,
+    /// The same if the body were known.
+    pub given_body: Vec<Matrix6<f64>>,
+}
+
+impl Followed {
+    /// Whether nothing but such a body need be considered: it explains nearly every contact.
+    pub fn is_plain(&self) -> bool {
+        self.is_body() && self.wild <= PLAIN
+    }
+
+    /// Whether the object is such a body: it explains the contacts to their noise, but for a few.
+    pub fn is_body(&self) -> bool {
+        self.round && self.wild <= WILD && self.per_degree <= MISFIT
+    }
+}
+
+/// The likeliest trajectories of an object that is a quadric with flat ends, best first, near those that
+/// are `given`, which all have the same first pose; none for longer logs than would be quick, or where a number is
+/// not finite. With `search` the log is also followed without them, forwards and backwards, and single
+/// grasps are tried at other poses.
+pub fn trajectories<const D: usize>(
+    problem: &Problem,
+    given: &[Vec<Pose>],
+    search: bool,
+) -> Vec<Followed> {
     let most = [problem.grasps(), problem.felt.len()];
     if most.iter().zip(MOST).any(|(have, most)| *have > most) || problem.grasps() == 0 {
         return Vec::new();
     }
+    let mut kept: Vec<Hypothesis> =
+        given.par_iter().flat_map_iter(|poses| near::<D>(problem, poses)).collect();
+    if search {
+        let first = given.first().and_then(|poses| poses.first()).copied();
+        let (ahead, back) =
+            rayon::join(|| follow::<D>(problem, first), || backwards::<D>(problem, first));
+        kept.extend(ahead);
+        kept.extend(back);
+        best(&mut kept);
+        kept.truncate(REVISED);
+        kept.par_iter_mut().for_each(|one| {
+            revise::<D>(problem, one);
+            descend::<D>(problem, one, FINALLY, Free::All);
+        });
+    }
+    best(&mut kept);
+    kept.iter().filter_map(|one| followed::<D>(problem, one)).collect()
+}
+
+/// Hypotheses of the whole log, grasp by grasp.
+fn follow<const D: usize>(problem: &Problem, first: Option<Pose>) -> Vec<Hypothesis> {
     let Some(start) = begin(problem, first) else { return Vec::new() };
     let mut kept = vec![start];
     for grasp in 1..problem.grasps() {
         let mut next: Vec<Hypothesis> = kept
             .par_iter()
             .flat_map_iter(|one| continued::<D>(problem, one, grasp))
-            .flat_map_iter(|one| simpler::<D>(problem, one))
-            .map(|one| with_ends::<D>(problem, one))
+            .flat_map_iter(|one| simpler::<D>(problem, one, Free::All))
+            .map(|one| with_ends::<D>(problem, one, Free::All))
             .collect();
         best(&mut next);
         kept = next;
+        let likely =
+            |one: &Hypothesis| one.body.is_round(one.ball.1) && wild(problem, one) <= STRANGE;
+        if grasp >= SOON && !kept.iter().any(likely) {
+            return Vec::new();
+        }
     }
-    kept.par_iter_mut().for_each(|one| descend::<D>(problem, one, FINALLY));
+    kept.par_iter_mut().for_each(|one| descend::<D>(problem, one, FINALLY, Free::All));
     best(&mut kept);
-    kept.truncate(REVISED);
-    kept.par_iter_mut().for_each(|one| {
-        revise::<D>(problem, one);
-        descend::<D>(problem, one, FINALLY);
-    });
-    best(&mut kept);
-    kept.into_iter().map(|h| h.poses).collect()
+    kept
+}
+
+/// The same from the last grasp to the first: what early grasps leave open, late ones may decide at
+/// once. Its poses are as those of [`follow`], relative to the first.
+fn backwards<const D: usize>(problem: &Problem, first: Option<Pose>) -> Vec<Hypothesis> {
+    let Some(first) = problem.poses(&[first]).first().copied() else { return Vec::new() };
+    let mut found = follow::<D>(&problem.reversed(), None);
+    for one in &mut found {
+        one.poses.reverse();
+        let Some(frame) = one.poses.first().map(|pose| pose.inverse() * first) else { continue };
+        for pose in &mut one.poses {
+            *pose *= frame;
+        }
+        let Some(body) = one.body.transformed(problem.dimension, &frame.inverse()) else {
+            one.cost = f64::INFINITY;
+            continue;
+        };
+        one.body = body;
+        one.ball.0 = (frame.inverse() * Point3::from(one.ball.0)).coords;
+        // Where it was, up to rounding.
+        if let Some(pose) = one.poses.first_mut() {
+            *pose = first;
+        }
+        descend::<D>(problem, one, FINALLY, Free::All);
+    }
+    found
+}
+
+/// The likeliest hypothesis near these poses: the body is fitted to them first, so that it does not pull
+/// them to what it begins as.
+fn near<const D: usize>(problem: &Problem, poses: &[Pose]) -> Option<Hypothesis> {
+    let poses = poses.to_vec();
+    if poses.len() != problem.grasps() {
+        return None;
+    }
+    let ball = ball(problem, &poses)?;
+    let body = Round::ball(problem.dimension, &ball);
+    let mut ball = Hypothesis { poses, body, ball, cost: f64::INFINITY };
+    descend::<D>(problem, &mut ball, FINALLY, Free::Body);
+    let mut all = simpler::<D>(problem, ball, Free::Body);
+    for one in &mut all {
+        for _ in 0..ENDS {
+            let before = one.body.ends.len();
+            *one = with_ends::<D>(problem, one.clone(), Free::Body);
+            if one.body.ends.len() == before {
+                break;
+            }
+        }
+        descend::<D>(problem, one, FINALLY, Free::All);
+        *one = with_ends::<D>(problem, one.clone(), Free::All);
+        descend::<D>(problem, one, FINALLY, Free::All);
+    }
+    best(&mut all);
+    all.into_iter().next()
 }
 
 /// The ball about the first grasp's contacts.
@@ -133,7 +258,7 @@ fn continued<const D: usize>(problem: &Problem, one: &Hypothesis, grasp: usize) 
         more.poses.push(pose);
         if let Some(ball) = ball(problem, &more.poses) {
             more.ball = ball;
-            descend::<D>(problem, &mut more, TOGETHER);
+            descend::<D>(problem, &mut more, TOGETHER, Free::All);
             next.push(more);
         }
     }
@@ -202,12 +327,12 @@ fn revise<const D: usize>(problem: &Problem, one: &mut Hypothesis) {
             let Some((_, pose)) = other else { continue };
             let mut moved = one.clone();
             moved.poses[grasp] = pose;
-            descend::<D>(problem, &mut moved, TOGETHER);
+            descend::<D>(problem, &mut moved, TOGETHER, Free::All);
             if moved.cost < one.cost {
                 *one = moved;
             }
         }
-        *one = with_ends::<D>(problem, one.clone());
+        *one = with_ends::<D>(problem, one.clone(), Free::All);
         if before - one.cost < 0.5 {
             break;
         }
@@ -215,11 +340,11 @@ fn revise<const D: usize>(problem: &Problem, one: &mut Hypothesis) {
 }
 
 /// The hypothesis and, in space, the one whose body is a round cylinder.
-fn simpler<const D: usize>(problem: &Problem, one: Hypothesis) -> Vec<Hypothesis> {
+fn simpler<const D: usize>(problem: &Problem, one: Hypothesis, free: Free) -> Vec<Hypothesis> {
     let bodies = if problem.dimension == 3 { one.body.cylinders() } else { Vec::new() };
     let cylinders = bodies.into_iter().map(|body| {
         let mut cylinder = Hypothesis { body, ..one.clone() };
-        descend::<D>(problem, &mut cylinder, TOGETHER);
+        descend::<D>(problem, &mut cylinder, TOGETHER, free);
         cylinder
     });
     let best = cylinders.min_by(|a, b| a.cost.total_cmp(&b.cost));
@@ -227,11 +352,11 @@ fn simpler<const D: usize>(problem: &Problem, one: Hypothesis) -> Vec<Hypothesis
 }
 
 /// With the flat ends that pay for themselves, and without those that do not.
-fn with_ends<const D: usize>(problem: &Problem, mut one: Hypothesis) -> Hypothesis {
+fn with_ends<const D: usize>(problem: &Problem, mut one: Hypothesis, free: Free) -> Hypothesis {
     for at in (0..one.body.ends.len()).rev() {
         let mut fewer = one.clone();
         fewer.body.ends.remove(at);
-        descend::<D>(problem, &mut fewer, TOGETHER);
+        descend::<D>(problem, &mut fewer, TOGETHER, free);
         if fewer.cost <= one.cost {
             one = fewer;
         }
@@ -242,7 +367,7 @@ fn with_ends<const D: usize>(problem: &Problem, mut one: Hypothesis) -> Hypothes
     let tried = candidates(problem, &one).into_iter().map(|end| {
         let mut more = one.clone();
         more.body.ends.push(end);
-        descend::<D>(problem, &mut more, TOGETHER);
+        descend::<D>(problem, &mut more, TOGETHER, free);
         more
     });
     match tried.min_by(|a, b| a.cost.total_cmp(&b.cost)) {
@@ -251,39 +376,41 @@ fn with_ends<const D: usize>(problem: &Problem, mut one: Hypothesis) -> Hypothes
     }
 }
 
-/// Planes through contacts that others lie on too and the body does not have, most supported first.
+/// Planes through contacts that the body does not explain, those that promise most first. One contact
+/// is enough: where an object slides along itself, other grasps felt the same end elsewhere.
 fn candidates(problem: &Problem, one: &Hypothesis) -> Vec<Face> {
-    let placed: Vec<Contact> =
-        (0..problem.starts[one.poses.len()]).map(|i| problem.placed(&one.poses, i)).collect();
-    let mut planes: Vec<(usize, Face)> = Vec::new();
-    for contact in &placed {
+    let costs = unexplained(problem, one);
+    let placed: Vec<Contact> = (0..costs.len()).map(|i| problem.placed(&one.poses, i)).collect();
+    let price = price(problem, one.poses.len(), one.body.numbers(problem.dimension).1);
+    let mut planes: Vec<(f64, Face)> = Vec::new();
+    for (contact, cost) in placed.iter().zip(&costs) {
         let Some(normal) = contact.normal else { continue };
-        let face = Face { normal, offset: normal.dot(&contact.point) };
-        let lies = |other: &&Contact| {
-            face.value(&other.point).abs() < 3.0 * other.point_deviation
-                && other.normal.is_some_and(|n| (n - normal).norm() < 3.0 * other.normal_deviation)
-        };
-        let support = placed.iter().filter(lies).count();
-        let alike = |f: &Face| {
-            f.normal.dot(&normal) > 0.95 && (f.offset - face.offset).abs() < 0.1 * one.ball.1
-        };
-        if support < SUPPORT || one.body.ends.iter().any(alike) {
-            continue;
-        }
-        let face = match one.body.side {
-            Side::Quadric(_) => face,
+        let normal = match one.body.side {
+            Side::Quadric(_) => normal,
             Side::Cylinder(axis, _) if normal.dot(&axis).abs() > 0.9 => {
-                let normal = axis * normal.dot(&axis).signum();
-                Face { normal, offset: normal.dot(&contact.point) }
+                axis * normal.dot(&axis).signum()
             }
             Side::Cylinder(..) => continue,
         };
+        let face = Face { normal, offset: normal.dot(&contact.point) };
+        let lies = |other: &Contact| {
+            face.value(&other.point).abs() < 3.0 * other.point_deviation
+                && other.normal.is_some_and(|n| (n - normal).norm() < 3.0 * other.normal_deviation)
+        };
+        let others = placed.iter().zip(&costs).filter(|(other, _)| lies(other));
+        let gain = others.map(|(_, cost)| *cost).sum::<f64>().max(*cost);
+        let alike = |f: &Face| {
+            f.normal.dot(&normal) > 0.95 && (f.offset - face.offset).abs() < 0.1 * one.ball.1
+        };
+        if gain < price || one.body.ends.iter().any(alike) {
+            continue;
+        }
         match planes.iter_mut().find(|(_, f)| alike(f)) {
-            Some(known) if known.0 < support => *known = (support, face),
+            Some(known) if known.0 < gain => *known = (gain, face),
             Some(_) => {}
-            None => planes.push((support, face)),
+            None => planes.push((gain, face)),
         }
     }
-    planes.sort_by_key(|plane| std::cmp::Reverse(plane.0));
+    planes.sort_by(|a, b| b.0.total_cmp(&a.0));
     planes.into_iter().take(CUTS).map(|(_, face)| face).collect()
 }

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use super::alias::restart;
 use super::average::averaged;
 use super::explain::{improve, settle};
-use super::planes::{Corrected, Effort, planes};
+use super::planes::{Corrected, Effort, criterion, planes};
 use super::problem::{Labels, Problem, State};
 use super::relation::Relation;
 use super::solve::{linearise, solve};
@@ -444,4 +444,43 @@ fn slopes<const D: usize>(
         }
     }
     Ok(())
+}
+
+#[test]
+fn what_is_round_has_no_faces_and_what_is_flat_has() {
+    let slipping = |object: &str| {
+        let spec: crate::sim::ObjectSpec = object.parse().unwrap();
+        let angle = if spec.dimension() == 2 { 0.35 } else { 0.2 };
+        let motion_noise = crate::quantity::Deviation { length: 0.01, angle };
+        let log = simulate(&Options { motion_noise, grasps: Some(12), ..Options::new(spec) });
+        log.unwrap().log
+    };
+    for object in ["ellipse:0.1x0.06", "ellipsoid:0.1x0.08x0.06"] {
+        let log = slipping(object);
+        let truth = track::truth(&log).unwrap();
+        let found = super::refine(&log, &truth).unwrap();
+        assert!(found.faces.is_empty() && found.per_degree < 1.2, "{object} {}", found.per_degree);
+        assert_eq!(found.steps[0].pose, truth[0].pose);
+        let last = found.steps.last().unwrap();
+        // Less certain than if the body were known.
+        let known = found.given_faces.last().unwrap();
+        assert!(known[(0, 0)] > 0.0 && last.covariance[(0, 0)] > known[(0, 0)], "{object}");
+        assert!(found.shape(&log).is_none());
+    }
+    let log = slipping("hexagon:0.045");
+    let found = super::refine(&log, &track::truth(&log).unwrap()).unwrap();
+    assert_eq!(found.faces.len(), 6);
+    // The criterion that decides between them says the same, and that every face has its price.
+    for (object, is_flat) in [("hexagon:0.045", true), ("ellipse:0.1x0.06", false)] {
+        let log = slipping(object);
+        let truth = track::truth(&log).unwrap();
+        let problem = Problem::new(&log);
+        let flat = planes(&log, &[&truth], PLAIN).unwrap();
+        let round = super::round_bodies(&problem, &[&truth], false);
+        let [flat_cost, round_cost] = [criterion(&problem, &flat), round[0].cost];
+        assert_eq!(flat_cost < round_cost, is_flat, "{object} {flat_cost} {round_cost}");
+        let mut more = flat.clone();
+        more.faces.push(more.faces[0]);
+        assert!((criterion(&problem, &more) - flat_cost) > 4.0);
+    }
 }

@@ -1,11 +1,11 @@
 //! Quadrics and cylinders between flat ends, by few numbers.
 
-use nalgebra::{DVector, Matrix3, SymmetricEigen, Vector4};
+use nalgebra::{Cholesky, DVector, Matrix3, Point3, SymmetricEigen, Vector4};
 
 use crate::graph::joint::tangent::Face;
 use crate::reference::Contact;
 use crate::reference::body::{Part, Quadric};
-use crate::space::Point;
+use crate::space::{Point, Pose};
 
 /// What no body fits exactly: deviations added to the contacts', of the point in radii of the object
 /// and of the normal in radians.
@@ -14,6 +14,9 @@ const MISFIT: [f64; 2] = [0.003, 0.01];
 /// Standard deviation of the sides' numbers before any contact, in radii and inverse radii of the ball
 /// about the contacts.
 pub(super) const SHAPE: f64 = 0.7;
+
+/// Semi-axis, in radii of the object, beyond which a side counts as straight.
+const LONGEST: f64 = 2.0;
 
 /// (p − c)ᵀ R Rᵀ (p − c) ≤ 1 between flat ends, object frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,6 +47,30 @@ impl Round {
         Round { centre: *centre, side, ends: Vec::new() }
     }
 
+    /// The same body in another frame: points p become `frame` p. `None` where numbers are none of a body.
+    pub fn transformed(&self, dimension: usize, frame: &Pose) -> Option<Round> {
+        let centre = (frame * Point3::from(self.centre)).coords;
+        let side = match &self.side {
+            Side::Quadric(root) => {
+                let turn = frame.rotation.to_rotation_matrix();
+                let form = turn * (root * root.transpose()) * turn.inverse();
+                // A body may be without end, which a factor need not be.
+                let least = 1e-9 * form.trace();
+                let hold = Matrix3::from_fn(|r, c| if r == c { least } else { 0.0 });
+                let full = Cholesky::new(form + hold)?.l();
+                Side::Quadric(Matrix3::from_fn(|r, c| {
+                    if r < dimension && c < dimension { full[(r, c)] } else { 0.0 }
+                }))
+            }
+            Side::Cylinder(axis, radius) => Side::Cylinder(frame.rotation * axis, *radius),
+        };
+        let ends = self.ends.iter().map(|end| {
+            let normal = frame.rotation * end.normal;
+            Face { normal, offset: end.offset + normal.dot(&frame.translation.vector) }
+        });
+        Some(Round { centre, side, ends: ends.collect() })
+    }
+
     /// How many numbers the sides have, and each end.
     pub fn numbers(&self, dimension: usize) -> (usize, usize) {
         match self.side {
@@ -59,6 +86,14 @@ impl Round {
 
     pub fn is_cylinder(&self) -> bool {
         matches!(self.side, Side::Cylinder(..))
+    }
+
+    /// Whether the sides are curved about an object of this radius, unlike a pair of parallel faces.
+    pub fn is_round(&self, radius: f64) -> bool {
+        let Side::Quadric(root) = &self.side else { return true };
+        let least = (LONGEST * radius).powi(-2);
+        let curved = SymmetricEigen::new(root * root.transpose()).eigenvalues;
+        curved.iter().filter(|inverse| **inverse > least).count() >= 2
     }
 
     /// How many of the numbers mean something: along its axis a cylinder has no place.

@@ -2,12 +2,12 @@
 
 use nalgebra::{Cholesky, Const, DVector, Dyn, OMatrix, SMatrix, SVector, Vector4};
 
-use super::Hypothesis;
 use super::body::{Field, Round, SHAPE};
+use super::{Followed, Hypothesis};
 use crate::graph::joint::arrow::{Arrow, Row};
 use crate::graph::joint::factors;
 use crate::graph::joint::problem::Problem;
-use crate::graph::joint::tangent::{Tangent, axes, retract};
+use crate::graph::joint::tangent::{Tangent, axes, retract, six_by_six};
 use crate::reference::Contact;
 use crate::space::{Point, Pose};
 
@@ -158,6 +158,54 @@ fn displaced<const D: usize>(pose: &Pose, step: &SVector<f64, D>) -> Pose {
     retract(pose, &tangent)
 }
 
+/// What so many numbers of a body cost that so many grasps felt, nats (Bayesian information criterion).
+pub(super) fn price(problem: &Problem, grasps: usize, numbers: usize) -> f64 {
+    let measured = (problem.starts[grasps] * problem.dimension).max(2) as f64;
+    0.5 * numbers as f64 * measured.ln()
+}
+
+/// What every contact costs.
+pub(super) fn unexplained(problem: &Problem, one: &Hypothesis) -> Vec<f64> {
+    let Some(field) = one.body.field(one.ball.1) else { return Vec::new() };
+    let cost = |i| robust(problem, &field.residual(&problem.placed(&one.poses, i))).0;
+    (0..problem.starts[one.poses.len()]).map(cost).collect()
+}
+
+/// Nats from which on a contact is not explained: four deviations, by distance or normal.
+const WILD: f64 = 5.5;
+
+/// Share of the contacts that it does not explain.
+pub(super) fn wild(problem: &Problem, one: &Hypothesis) -> f64 {
+    let costs = unexplained(problem, one);
+    let wild = costs.iter().filter(|cost| !(**cost < WILD)).count();
+    wild as f64 / costs.len().max(1) as f64
+}
+
+/// A hypothesis of the whole log with its covariances, and how well it explains the contacts; `None`
+/// where those are not finite.
+pub(super) fn followed<const D: usize>(problem: &Problem, one: &Hypothesis) -> Option<Followed> {
+    let costs = unexplained(problem, one);
+    let explained: Vec<f64> = costs.iter().copied().filter(|cost| *cost < WILD).collect();
+    let (poses, body) = (one.poses.len(), one.body.freedom(problem.dimension));
+    let rest = one.cost
+        - costs.iter().sum::<f64>()
+        - price(problem, poses, body)
+        - 0.5 * one.body.oddity(problem.dimension, &one.ball).norm_squared();
+    // As many numbers say how the object moved as are sought for it.
+    let degrees = (explained.len() * problem.dimension) as f64 - body as f64;
+    let inverse = linearise::<D>(problem, one)?.factor(0.0)?.inverse()?;
+    let blocks = |all: &[SMatrix<f64, D, D>]| all.iter().map(six_by_six).collect();
+    Some(Followed {
+        poses: one.poses.clone(),
+        cost: one.cost,
+        wild: wild(problem, one),
+        per_degree: 2.0 * (explained.iter().sum::<f64>() + rest) / degrees.max(1.0),
+        round: one.body.is_round(one.ball.1),
+        covariance: blocks(&inverse.poses),
+        given_body: blocks(&inverse.given_faces),
+    })
+}
+
 /// What a hypothesis costs at these poses and with this body.
 fn cost(problem: &Problem, poses: &[Pose], body: &Round, ball: &(Point, f64)) -> Option<f64> {
     let field = body.field(ball.1)?;
@@ -179,22 +227,39 @@ fn cost(problem: &Problem, poses: &[Pose], body: &Round, ball: &(Point, f64)) ->
             problem.slip.cost(step.residual.norm_squared()).0
         })
         .sum();
-    let numbers = (count * problem.dimension).max(2) as f64;
-    let price = 0.5 * body.freedom(problem.dimension) as f64 * numbers.ln();
+    let price = price(problem, poses.len(), body.freedom(problem.dimension));
     let total =
         contacts + motions + 0.5 * body.oddity(problem.dimension, ball).norm_squared() + price;
     total.is_finite().then_some(total)
 }
 
+/// What a descent may change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Free {
+    /// All poses but the first, and the body.
+    All,
+    /// The body alone.
+    Body,
+}
+
 /// Poses and body of least cost, by Levenberg–Marquardt.
-pub(super) fn descend<const D: usize>(problem: &Problem, one: &mut Hypothesis, steps: usize) {
+pub(super) fn descend<const D: usize>(
+    problem: &Problem,
+    one: &mut Hypothesis,
+    steps: usize,
+    free: Free,
+) {
     let Some(mut least) = cost(problem, &one.poses, &one.body, &one.ball) else {
         one.cost = f64::INFINITY;
         return;
     };
     let mut damping = 1e-3;
     for _ in 0..steps {
-        let Some(arrow) = linearise::<D>(problem, one) else { break };
+        let Some(mut arrow) = linearise::<D>(problem, one) else { break };
+        if free == Free::Body {
+            arrow.chain.iter_mut().for_each(|slope| slope.fill(0.0));
+            arrow.border.iter_mut().for_each(|rows| rows.fill(0.0));
+        }
         let mut gained = 0.0;
         for _ in 0..5 {
             let tried = arrow.factor(damping).and_then(|factor| {

@@ -19,16 +19,26 @@ fn slipping(object: &str, grasps: usize, seed: u64, outliers: f64) -> Simulation
     .unwrap()
 }
 
-fn found(log: &GraspLog) -> Vec<Vec<Pose>> {
+fn found(log: &GraspLog) -> Vec<Followed> {
     let problem = Problem::new(log);
     match log.dimension {
-        2 => trajectories::<3>(&problem, None),
-        _ => trajectories::<6>(&problem, None),
+        2 => trajectories::<3>(&problem, &[], true),
+        _ => trajectories::<6>(&problem, &[], true),
+    }
+}
+
+/// Near the true poses.
+fn near_truth(log: &GraspLog) -> Vec<Followed> {
+    let problem = Problem::new(log);
+    let truth: Vec<Pose> = log.grasps.iter().map(|g| g.truth.unwrap()).collect();
+    match log.dimension {
+        2 => trajectories::<3>(&problem, &[truth], false),
+        _ => trajectories::<6>(&problem, &[truth], false),
     }
 }
 
 fn judged(simulation: &Simulation) -> Judgement {
-    let poses = found(&simulation.log).swap_remove(0);
+    let Followed { poses, .. } = found(&simulation.log).swap_remove(0);
     let steps: Vec<Step> = poses.into_iter().map(Step::certain).collect();
     judge(&simulation.log, &steps, &Truth::new(simulation.geometry.clone())).unwrap()
 }
@@ -76,12 +86,139 @@ fn steps_only_descend() {
     }
     let mut before = f64::INFINITY;
     for _ in 0..12 {
-        descend::<6>(&problem, &mut one, 1);
+        descend::<6>(&problem, &mut one, 1, Free::All);
         assert!(one.cost <= before + 1e-9);
         before = one.cost;
     }
     let settled = one.clone();
-    descend::<6>(&problem, &mut one, FINALLY);
+    descend::<6>(&problem, &mut one, FINALLY, Free::All);
     assert!(settled.cost - one.cost < 0.2 * settled.cost);
     assert_eq!(one.poses[0], settled.poses[0]);
+}
+
+#[test]
+fn an_end_that_single_contacts_felt_is_found() {
+    // From no trajectory at all, at least as likely a one as near the truth.
+    let log = slipping("cylinder:0.05x0.08", 10, 309, 0.0).log;
+    let [found, near] = [found(&log), near_truth(&log)].map(|mut all| all.swap_remove(0));
+    assert!(found.cost < near.cost + 1.0, "{} {}", found.cost, near.cost);
+    assert!(found.is_body() && near.is_body(), "{found:?}");
+}
+
+#[test]
+fn one_contact_is_reason_for_an_end() {
+    let problem = Problem::new(&slipping("cylinder:0.06x0.08", 1, 1, 0.0).log);
+    let touch = |point: Point, normal: Point| {
+        let contact =
+            Contact { point, normal: Some(normal), point_deviation: 1e-3, normal_deviation: 0.09 };
+        crate::graph::joint::problem::Felt { grasp: 0, contact }
+    };
+    let mut felt: Vec<_> = (0..6)
+        .map(|i| {
+            let (sin, cos) = f64::from(i).sin_cos();
+            let normal = Point::new(cos, sin, 0.0);
+            touch(normal * 0.03 + Point::z() * 0.01 * (f64::from(i) - 2.0), normal)
+        })
+        .collect();
+    let of = |felt: &[_]| {
+        let problem =
+            Problem { felt: felt.to_vec(), starts: vec![0, felt.len()], ..problem.clone() };
+        let body = Round {
+            centre: Point::zeros(),
+            side: Side::Cylinder(Point::z(), 0.03),
+            ends: Vec::new(),
+        };
+        let ball = (Point::zeros(), 0.04);
+        let poses = vec![Pose::identity()];
+        candidates(&problem, &Hypothesis { poses, body, ball, cost: 0.0 })
+    };
+    assert!(of(&felt).is_empty());
+    felt.push(touch(Point::new(0.01, 0.0, 0.04), Point::z()));
+    let [end] = of(&felt)[..] else { panic!("one end") };
+    assert!((end.normal - Point::z()).norm() < 1e-9 && (end.offset - 0.04).abs() < 1e-9);
+}
+
+#[test]
+fn only_what_is_round_is_a_round_body() {
+    let is_body = |object: &str, outliers: f64| {
+        let log = slipping(object, 8, 3, outliers).log;
+        let both = found(&log).into_iter().chain(near_truth(&log));
+        both.map(|found| found.is_body()).collect::<Vec<_>>()
+    };
+    assert!(is_body("ellipse:0.1x0.06", 0.0).contains(&true));
+    assert!(is_body("ellipse:0.1x0.06", 0.05).contains(&true));
+    // Two parallel sides are a quadric, and two ends close it.
+    assert!(!is_body("rectangle:0.1x0.06", 0.0).contains(&true));
+}
+
+#[test]
+fn at_the_true_poses_stay_the_body_alone_is_fitted() {
+    let log = slipping("ellipsoid:0.1x0.08x0.05", 8, 7, 0.0).log;
+    let problem = Problem::new(&log);
+    let poses: Vec<Pose> = log.grasps.iter().map(|g| g.truth.unwrap()).collect();
+    let ball = ball(&problem, &poses).unwrap();
+    let body = Round::ball(3, &ball);
+    let mut one = Hypothesis { poses: poses.clone(), body, ball, cost: f64::INFINITY };
+    descend::<6>(&problem, &mut one, FINALLY, Free::Body);
+    assert!(one.poses.iter().zip(&poses).all(|(a, b)| local(a, b).norm() < 1e-12));
+    assert!(unexplained(&problem, &one).iter().all(|cost| *cost < 9.0));
+    let Side::Quadric(root) = one.body.side else { panic!("a quadric") };
+    let mut axes: Vec<f64> = nalgebra::SymmetricEigen::new(root * root.transpose())
+        .eigenvalues
+        .iter()
+        .map(|inverse| 2.0 / inverse.sqrt())
+        .collect();
+    axes.sort_by(f64::total_cmp);
+    for (axis, truly) in axes.iter().zip([0.05, 0.08, 0.1]) {
+        assert!((axis - truly).abs() < 5e-3, "{axes:?}");
+    }
+}
+
+#[test]
+fn a_body_is_the_same_in_another_frame() {
+    let turn = nalgebra::UnitQuaternion::from_euler_angles(0.4, -0.7, 1.1);
+    let frame = Pose::from_parts(Point::new(0.02, -0.01, 0.03).into(), turn);
+    let end = Face { normal: Point::new(0.0, 0.6, 0.8), offset: 0.03 };
+    let root = nalgebra::Matrix3::new(20.0, 0.0, 0.0, 3.0, 30.0, 0.0, -4.0, 5.0, 25.0);
+    let centre = Point::new(0.01, 0.0, -0.02);
+    let axis = Point::new(0.0, 0.6, 0.8);
+    for side in [Side::Quadric(root), Side::Cylinder(axis, 0.03)] {
+        let body = Round { centre, side, ends: vec![end] };
+        let moved = body.transformed(3, &frame).unwrap();
+        let [here, there] = [&body, &moved].map(|body| body.field(0.04).unwrap());
+        for (x, y) in [(0.05, 0.01), (-0.03, 0.04), (0.0, -0.05)] {
+            let normal = Some(Point::new(x, y, 0.02).normalize());
+            let felt = Contact {
+                point: Point::new(x, y, 0.02),
+                normal,
+                point_deviation: 1e-3,
+                normal_deviation: 0.1,
+            };
+            let [a, b] = [here.residual(&felt), there.residual(&felt.transformed(&frame))];
+            assert!((a[0] - b[0]).abs() < 1e-5 * (1.0 + a[0].abs()), "{a} {b}");
+            assert!((a.norm() - b.norm()).abs() < 1e-5 * (1.0 + a.norm()), "{a} {b}");
+        }
+    }
+    let flat = Round::ball(2, &(centre, 0.03)).transformed(2, &Pose::rotation(Point::z() * 0.5));
+    let Side::Quadric(root) = flat.unwrap().side else { panic!("a quadric") };
+    assert!(root.row(2).norm() == 0.0 && root.column(2).norm() == 0.0);
+}
+
+#[test]
+fn a_reversed_problem_foretells_the_same_poses() {
+    let mut log = slipping("ellipse:0.1x0.06", 5, 2, 0.0).log;
+    for grasp in 1..5 {
+        let [before, after] = [grasp - 1, grasp].map(|k| log.grasps[k].truth.unwrap());
+        log.grasps[grasp].motion = Some(after * before.inverse());
+    }
+    let problem = Problem::new(&log);
+    let back = problem.reversed();
+    let last = log.grasps[4].truth;
+    for (found, grasp) in back.poses(&[last]).iter().zip(log.grasps.iter().rev()) {
+        assert!(local(found, &grasp.truth.unwrap()).norm() < 1e-9);
+    }
+    assert_eq!(back.of(0).len(), problem.of(4).len());
+    assert_eq!(back.felt[0].contact, problem.felt[problem.starts[4]].contact);
+    assert!(back.felt.iter().all(|f| back.of(f.grasp).len() > 0));
+    assert_eq!(back.reversed().felt, problem.felt);
 }
