@@ -186,6 +186,9 @@ fn every_model<S: Space>() {
     every_training::<S, _, _>("thin, constant", thin, Constant(0.0));
     every_training::<S, _, _>("rough, no shape", rough, unset);
     survives::<S, _>("faces", &mut Faces::<S, 8>::new());
+    let mut truncated = Box::new(Truncated::<S, Matern32, SITES, ROWS, { packed(ROWS) }, 8>::new());
+    truncated.configure(rough);
+    survives::<S, _>("truncated", &mut *truncated);
     survives::<S, _>("local", &mut Local::<S, 24>::new());
     let mut fixed = Local::<S, 24>::new();
     fixed.configure(Some(0.02));

@@ -12,6 +12,7 @@
 //! more than noise would (χ² gate). Convexity is an assumption, so what the contacts say against it is
 //! kept: [`Faces::protrusion`].
 
+mod flatness;
 mod moments;
 
 use crate::contact::Contact;
@@ -19,6 +20,7 @@ use crate::math;
 use crate::matrix::Coordinates;
 use crate::space::Space;
 use crate::surface::{Insertion, Map, Probe, Surface};
+pub(super) use flatness::Evidence;
 use moments::{Moments, Witness};
 
 /// Cost above which two faces are not the same plane: χ² with as many degrees of freedom as the
@@ -44,7 +46,7 @@ pub struct Face<S: Space> {
     pub offset_variance: f32,
     /// Covariance of the normal, radians²: its first rows and columns, zero along the normal.
     pub covariance: [[f32; 3]; 3],
-    /// How many contacts it was fitted to.
+    /// How many contacts it was fitted to; beyond eight thousand a face starts to forget.
     pub contacts: u16,
     /// What these cost: χ² of the face.
     pub cost: f32,
@@ -165,13 +167,17 @@ impl<S: Space, const FACES: usize> Faces<S, FACES> {
         self.refused
     }
 
-    /// What adding `moments` to a face other than `except` raises the cost by at least, that face's
-    /// number, and the plane of the union.
-    fn cheapest(&self, moments: &Moments<S>, except: usize) -> Option<(f32, usize, Face<S>)> {
+    /// What adding `moments` to a face `among` some raises the cost by at least, that face's number, and
+    /// the plane of the union.
+    fn cheapest(
+        &self,
+        moments: &Moments<S>,
+        among: impl Fn(usize) -> bool,
+    ) -> Option<(f32, usize, Face<S>)> {
         let own = moments.fit().map_or(0.0, |f| f.cost);
         let mut best: Option<(f32, usize, Face<S>)> = None;
         for (number, (held, face)) in self.moments.iter().zip(self.faces()).enumerate() {
-            if number == except {
+            if !among(number) {
                 continue;
             }
             let Some(union) = held.plus(moments).fit() else { continue };
@@ -181,6 +187,48 @@ impl<S: Space, const FACES: usize> Faces<S, FACES> {
             }
         }
         best
+    }
+
+    /// [`Map::insert`], and the number of the face that has the contact now.
+    pub(super) fn learn(&mut self, contact: &Contact<S>) -> (Insertion, Option<usize>) {
+        let dropped = (Insertion::Dropped, None);
+        let Ok(contact) = contact.checked() else { return dropped };
+        let moments = Moments::of(&contact);
+        let gate = match contact.normal {
+            Some(_) => GATE[S::DIMENSION.clamp(2, 3) - 2],
+            None => POINT_GATE,
+        };
+        // Faces that truncate a body come first: else one that a wild contact opened beside such a face
+        // would grow by what is that face's.
+        let settled = self.cheapest(&moments, |number| self.cuts(number));
+        let best = settled.filter(|(rise, ..)| *rise < gate);
+        match best.or_else(|| self.cheapest(&moments, |number| !self.cuts(number))) {
+            Some((rise, number, union)) if rise < gate => {
+                let Some(held) = self.moments.get(number) else { return dropped };
+                let all = held.plus(&moments);
+                let faded = all.faded();
+                let face = if faded.contacts < all.contacts { faded.fit() } else { Some(union) };
+                self.set(number, faded, face.unwrap_or(union));
+                return (Insertion::Stored, Some(self.settle(number)));
+            }
+            _ => {}
+        }
+        let Some(face) = moments.fit() else { return dropped };
+        if self.count < FACES {
+            self.set(self.count, moments, face);
+            self.count += 1;
+            return (Insertion::Stored, Some(self.count - 1));
+        }
+        match self.faces().iter().position(|f| f.contacts == 1) {
+            Some(number) => {
+                self.set(number, moments, face);
+                (Insertion::Replaced(1), Some(number))
+            }
+            None => {
+                self.refused = self.refused.saturating_add(1);
+                dropped
+            }
+        }
     }
 
     fn set(&mut self, number: usize, moments: Moments<S>, face: Face<S>) {
@@ -198,21 +246,25 @@ impl<S: Space, const FACES: usize> Faces<S, FACES> {
         }
     }
 
-    /// Merges face `number` with others that now agree with it.
-    fn settle(&mut self, mut number: usize) {
+    /// Merges face `number` with others that now agree with it; its number then.
+    fn settle(&mut self, mut number: usize) -> usize {
         let gate = GATE[S::DIMENSION.clamp(2, 3) - 2];
         for _ in 0..FACES {
-            let Some(changed) = self.moments.get(number).copied() else { return };
-            let Some((rise, other, union)) = self.cheapest(&changed, number) else { return };
-            let Some(kept) = self.moments.get(other).copied() else { return };
+            let Some(changed) = self.moments.get(number).copied() else { return number };
+            let Some((rise, other, union)) = self.cheapest(&changed, |other| other != number)
+            else {
+                return number;
+            };
+            let Some(kept) = self.moments.get(other).copied() else { return number };
             if !(rise < gate) {
-                return;
+                return number;
             }
             self.set(other, kept.plus(&changed), union);
             self.remove(number);
             // Removing moved the last face into the gap.
             number = if other == self.count { number } else { other };
         }
+        number
     }
 }
 
@@ -228,37 +280,7 @@ impl<S: Space, const FACES: usize> Map<S> for Faces<S, FACES> {
     /// [`refused`](Faces::refused). A contact without a normal opens no face. Contacts that are not
     /// valid ([`Contact::checked`]) are dropped.
     fn insert(&mut self, contact: &Contact<S>) -> Insertion {
-        let Ok(contact) = contact.checked() else { return Insertion::Dropped };
-        let moments = Moments::of(&contact);
-        let gate = match contact.normal {
-            Some(_) => GATE[S::DIMENSION.clamp(2, 3) - 2],
-            None => POINT_GATE,
-        };
-        match self.cheapest(&moments, FACES) {
-            Some((rise, number, union)) if rise < gate => {
-                let Some(held) = self.moments.get(number) else { return Insertion::Dropped };
-                self.set(number, held.plus(&moments), union);
-                self.settle(number);
-                return Insertion::Stored;
-            }
-            _ => {}
-        }
-        let Some(face) = moments.fit() else { return Insertion::Dropped };
-        if self.count < FACES {
-            self.set(self.count, moments, face);
-            self.count += 1;
-            return Insertion::Stored;
-        }
-        match self.faces().iter().position(|f| f.contacts == 1) {
-            Some(number) => {
-                self.set(number, moments, face);
-                Insertion::Replaced(1)
-            }
-            None => {
-                self.refused = self.refused.saturating_add(1);
-                Insertion::Dropped
-            }
-        }
+        self.learn(contact).0
     }
 
     /// Nothing to do: faces are up to date after every contact.

@@ -29,6 +29,7 @@ use crate::surface::prior::Prior;
 use crate::surface::{Insertion, Map, Probe, Surface};
 
 mod condense;
+mod forget;
 
 /// Sites of one contact, at most.
 const MOST_SITES: usize = 3;
@@ -71,8 +72,9 @@ struct Site<S: Space> {
     /// 1/(k(0) + σ²) of the value and of each slope: what this site alone explains.
     value_precision: f32,
     slope_precision: f32,
-    /// σ² of the value before others' knowledge came to it, square metres.
+    /// σ² of value and normal before others' knowledge came to them, square metres and radians².
     noise: f32,
+    turn_noise: f32,
     /// Whether the point lies off the surface: no contact.
     aside: bool,
     /// Whether its noise is shared with others, see [`Revisable`](super::Revisable).
@@ -97,6 +99,7 @@ impl<S: Space> Site<S> {
         value_precision: 0.0,
         slope_precision: 0.0,
         noise: 0.0,
+        turn_noise: 0.0,
         aside: false,
         shared: false,
         value_offset: 0.0,
@@ -206,6 +209,11 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     /// The prior in force, fitted by the last [`refit`](Map::refit).
     pub fn prior(&self) -> P {
         self.prior
+    }
+
+    /// Replaces the prior; the next [`refit`](Map::refit) fits it and makes it count.
+    pub fn assume(&mut self, prior: P) {
+        self.prior = prior;
     }
 
     /// Number of rows in use.
@@ -432,8 +440,14 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         let slope_noise = contact.normal_deviation * contact.normal_deviation;
         let felt = contact.normal.is_some();
         let normal = contact.normal.unwrap_or(S::Vector::ZERO);
-        let surface =
-            Site { point: contact.point, normal, felt, noise: value_noise, ..Site::UNSET };
+        let surface = Site {
+            point: contact.point,
+            normal,
+            felt,
+            noise: value_noise,
+            turn_noise: slope_noise,
+            ..Site::UNSET
+        };
         let mut sites = [(surface, value_noise, slope_noise); MOST_SITES];
         let count = match (contact.normal, self.training) {
             (None, _) => 1,

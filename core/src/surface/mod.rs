@@ -10,6 +10,7 @@ pub mod kernel;
 pub mod local;
 pub mod prior;
 pub mod revisable;
+pub mod truncated;
 
 pub use baked::Baked;
 pub use faces::{Face, Faces};
@@ -19,6 +20,7 @@ pub use kernel::{Kernel, Matern32, SquaredExponential, ThinPlate};
 pub use local::Local;
 pub use prior::{Ball, Constant, Ellipsoid, Polytope, Prior, Shape, SignedDistance};
 pub use revisable::{Bend, Revisable, Shared};
+pub use truncated::Truncated;
 
 use crate::contact::Contact;
 use crate::space::Space;

@@ -7,7 +7,7 @@ use crate::matrix::Coordinates;
 use crate::space::Space;
 
 /// Room for three dimensions; a planar face leaves the last row and column zero.
-type Symmetric = [[f32; 3]; 3];
+pub(super) type Symmetric = [[f32; 3]; 3];
 
 /// A contact that a face remembers, to hold other faces against it.
 #[derive(Clone, Copy, Debug)]
@@ -19,7 +19,7 @@ pub(super) struct Witness<S: Space> {
 /// What a face keeps of its contacts.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Moments<S: Space> {
-    contacts: u16,
+    pub contacts: u16,
     /// Numbers that were measured: 1 per point, dimension − 1 per normal.
     pub measured: u16,
     /// Σ 1/σ_p².
@@ -27,14 +27,22 @@ pub(super) struct Moments<S: Space> {
     /// Weighted mean of the points.
     pub centroid: S::Vector,
     /// Σ (p − centroid)(p − centroid)ᵀ/σ_p².
-    scatter: Symmetric,
+    pub scatter: Symmetric,
     /// Σ N/σ_θ².
     normals: S::Vector,
     /// Σ 1/σ_θ².
-    normal_weight: f32,
+    pub normal_weight: f32,
+    /// Σ (p − centroid) Nᵀ/σ_θ²: how normals turn along the face.
+    pub turns: Symmetric,
     /// The two contacts farthest from each other, as far as they were seen together.
     pub ends: [Witness<S>; 2],
+    /// Whether the face truncates a body.
+    pub cuts: bool,
 }
+
+/// Contacts after which a face starts to forget: an endless stream neither overflows nor drowns in
+/// rounding errors.
+const MEMORY: u16 = 8192;
 
 impl<S: Space> Moments<S> {
     pub const NONE: Self = Moments {
@@ -45,6 +53,8 @@ impl<S: Space> Moments<S> {
         scatter: [[0.0; 3]; 3],
         normals: S::Vector::ZERO,
         normal_weight: 0.0,
+        turns: [[0.0; 3]; 3],
+        cuts: false,
         ends: [Witness { point: S::Vector::ZERO, variance: 0.0 }; 2],
     };
 
@@ -71,10 +81,14 @@ impl<S: Space> Moments<S> {
         let weight = self.weight + other.weight;
         let apart = other.centroid - self.centroid;
         let share = other.weight / weight;
-        let mut scatter = self.scatter;
+        let centroid = self.centroid + apart * share;
+        let (mut scatter, mut turns) = (self.scatter, self.turns);
         for i in 0..S::DIMENSION {
             for j in 0..S::DIMENSION {
                 scatter[i][j] += other.scatter[i][j] + self.weight * share * apart[i] * apart[j];
+                turns[i][j] += other.turns[i][j]
+                    + (self.centroid[i] - centroid[i]) * self.normals[j]
+                    + (other.centroid[i] - centroid[i]) * other.normals[j];
             }
         }
         let all = [self.ends[0], self.ends[1], other.ends[0], other.ends[1]];
@@ -92,12 +106,31 @@ impl<S: Space> Moments<S> {
             contacts: self.contacts.saturating_add(other.contacts),
             measured: self.measured.saturating_add(other.measured),
             weight,
-            centroid: self.centroid + apart * share,
+            centroid,
             scatter,
+            turns,
+            cuts: self.cuts || other.cuts,
             normals: self.normals + other.normals,
             normal_weight: self.normal_weight + other.normal_weight,
             ends,
         }
+    }
+
+    /// The same with all weights by half where there are [`MEMORY`] contacts.
+    pub fn faded(mut self) -> Self {
+        if self.contacts >= MEMORY {
+            self.contacts /= 2;
+            self.measured /= 2;
+            self.weight *= 0.5;
+            self.normals = self.normals * 0.5;
+            self.normal_weight *= 0.5;
+            for row in self.scatter.iter_mut().chain(&mut self.turns) {
+                for x in row {
+                    *x *= 0.5;
+                }
+            }
+        }
+        self
     }
 
     fn times(&self, n: S::Vector) -> S::Vector {

@@ -401,7 +401,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     }
 
     /// Takes a row out of factor and noise.
-    fn forget_row(&mut self, row: usize) {
+    pub(super) fn forget_row(&mut self, row: usize) {
         self.forget_noise(row, self.factor.rows());
         self.factor.remove(row);
     }
