@@ -219,6 +219,6 @@ fn a_reversed_problem_foretells_the_same_poses() {
     }
     assert_eq!(back.of(0).len(), problem.of(4).len());
     assert_eq!(back.felt[0].contact, problem.felt[problem.starts[4]].contact);
-    assert!(back.felt.iter().all(|f| back.of(f.grasp).len() > 0));
+    assert!(back.felt.iter().all(|f| !back.of(f.grasp).is_empty()));
     assert_eq!(back.reversed().felt, problem.felt);
 }
