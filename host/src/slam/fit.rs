@@ -282,6 +282,14 @@ mod tests {
     }
 
     #[test]
+    fn five_contacts_say_more_than_a_ball() {
+        for (object, most) in [("ellipse:0.1x0.05", 3e-3), ("rectangle:0.1x0.05", 8e-3)] {
+            let error = error(object, 5);
+            assert!(error < most, "{object} {error}");
+        }
+    }
+
+    #[test]
     fn a_can_is_known_from_thirty_contacts() {
         let error = error("cylinder:0.05x0.08", 30);
         assert!(error < 1.8e-3, "{error}");

@@ -141,6 +141,62 @@ fn what_contacts_leave_open_is_closed_beyond_them() {
     }
 }
 
+/// Touches in the plane: places (millimetres) and the normals' angles (degrees).
+fn touches(all: &[(f64, f64, f64)]) -> Vec<Contact> {
+    let touch = |(x, y, angle): &(f64, f64, f64)| {
+        let (sin, cos) = angle.to_radians().sin_cos();
+        Contact {
+            point: Point::new(x * 1e-3, y * 1e-3, 0.0),
+            normal: Some(Point::new(cos, sin, 0.0)),
+            point_deviation: 1e-3,
+            normal_deviation: 0.05,
+        }
+    };
+    all.iter().map(touch).collect()
+}
+
+#[test]
+fn few_contacts_make_a_polytope_unless_too_many_sides_are_in_doubt() {
+    let polytope = |contacts: &[Contact]| {
+        let faces = Faces::fit(2, contacts).unwrap().simplified(contacts).regular(contacts);
+        (faces.unconfirmed(contacts), Body::polytope(2, contacts, &faces))
+    };
+    // Two long sides of a block and one end, which is square to them.
+    let (up, down) = (90.0, -90.0);
+    let mut block = touches(&[
+        (-20.0, 30.0, up),
+        (15.0, 30.0, up),
+        (5.0, -30.0, down),
+        (-30.0, -30.0, down),
+        (50.0, 5.0, 0.0),
+    ]);
+    let (unconfirmed, body) = polytope(&block);
+    let body = body.unwrap();
+    assert_eq!((unconfirmed, body.parts().len()), (0, 4));
+    for (x, y) in [(0.0, 30.0), (10.0, -30.0), (50.0, 10.0)] {
+        assert!(body.value(&Point::new(x * 1e-3, y * 1e-3, 0.0)).abs() < 1e-3);
+    }
+    // The other end is as far beyond the last of five contacts as these lie apart.
+    assert!(body.value(&Point::new(-0.046, 0.0, 0.0)).abs() < 1e-3);
+    // Felt askew nothing confirms two of the sides, and with one that nobody touched there are three.
+    block[4] = touches(&[(50.0, 5.0, 25.0)])[0];
+    block[2] = touches(&[(5.0, -30.0, -65.0)])[0];
+    let (unconfirmed, body) = polytope(&block);
+    assert!(unconfirmed == 2 && body.is_none(), "{unconfirmed} {body:?}");
+    // Each side of a pentagon touched once may have others between them, touched twice it has not.
+    let around = |shift: f64| {
+        (0..5).map(move |i| {
+            let turn = 72.0 * f64::from(i);
+            let (sin, cos) = turn.to_radians().sin_cos();
+            (40.0 * cos - shift * sin, 40.0 * sin + shift * cos, turn)
+        })
+    };
+    let once: Vec<_> = around(3.0).collect();
+    assert_eq!(polytope(&touches(&once)), (5, None));
+    let twice: Vec<_> = once.into_iter().chain(around(-12.0)).collect();
+    assert!(matches!(polytope(&touches(&twice)), (0, Some(_))));
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
