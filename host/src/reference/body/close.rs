@@ -77,6 +77,37 @@ impl Body {
         }
         self
     }
+
+    /// How likely it is that contacts anywhere on the surface leave as large a part of it bare as these
+    /// do: the part within the largest ball on the surface that holds none, and of as many gaps as
+    /// there are contacts (Whitworth 1901). Small where two sides were drawn out to where they meet
+    /// because nobody touched the one between them. For planes with the contacts' centre inside.
+    pub(super) fn evenness(&self, dimension: usize, contacts: &[Contact]) -> f64 {
+        let count = contacts.len() as f64;
+        let centre = contacts.iter().map(|c| c.point).sum::<Point>() / count;
+        let reached = |out: &Point| {
+            let meets = |part: &Part| match part {
+                Part::Plane(plane) if plane.normal.dot(out) > 0.0 => {
+                    let along = plane.normal.dot(out);
+                    let distance = (plane.offset - plane.normal.dot(&centre)) / along;
+                    // Of the surface, one direction in so many sees this much.
+                    Some((distance, distance.powi(dimension as i32 - 1) / along))
+                }
+                _ => None,
+            };
+            let nearest = self.parts.iter().filter_map(meets).min_by(|a, b| a.0.total_cmp(&b.0))?;
+            (nearest.0 > 0.0).then(|| (centre + out * nearest.0, nearest.1))
+        };
+        let surface: Vec<(Point, f64)> = directions(dimension).iter().filter_map(reached).collect();
+        let nearest =
+            |p: &Point| contacts.iter().map(|c| (c.point - p).norm()).fold(f64::INFINITY, f64::min);
+        let bare = surface.iter().map(|(p, _)| (p, nearest(p))).max_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((middle, radius)) = bare else { return 0.0 };
+        let within = |(p, _): &&(Point, f64)| (p - middle).norm() <= radius;
+        let all: f64 = surface.iter().map(|(_, area)| area).sum();
+        let part = surface.iter().filter(within).map(|(_, area)| area).sum::<f64>() / all;
+        (count * (1.0 - part).powf(count - 1.0)).min(1.0)
+    }
 }
 
 /// Evenly spread: equal angles, or a golden spiral from pole to pole.

@@ -31,6 +31,9 @@ const DECIDED_QUADRIC: f64 = 2.0;
 /// Sides that are doubtful, per contact, up to which planes are: felt once or not at all.
 const DOUBTFUL: f64 = 0.5;
 
+/// Probability that contacts leave so large a part bare below which a side was missed there.
+const EVEN: f64 = 0.4;
+
 /// Difference of a parameter for its slope.
 const NUDGE: f64 = 1e-5;
 
@@ -156,6 +159,7 @@ impl Body {
     /// faces, or when more than one side for every two contacts is in doubt: felt by one that no
     /// other face confirms ([`Faces::unconfirmed`]), or not at all. Then there may as well be others:
     /// the share of what was seen once tells how likely the next is new (Good, Biometrika 40, 1953).
+    /// Nor where contacts would hardly have left so large a part of it bare.
     pub fn polytope(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<Body> {
         let problem = Problem::of(dimension, contacts)?;
         let planes = problem.planes(faces, 1);
@@ -163,7 +167,9 @@ impl Body {
         let body = problem.body(&planes.iter().fold(start, |fit, plane| fit.cut(dimension, plane)));
         let body = body?.closed(dimension, contacts, &[]);
         let doubtful = body.parts.len() - planes.len() + faces.unconfirmed(contacts);
-        (doubtful as f64 <= DOUBTFUL * contacts.len() as f64).then_some(body)
+        let is_doubtful = doubtful as f64 > DOUBTFUL * contacts.len() as f64
+            || body.evenness(dimension, contacts) < EVEN;
+        (!is_doubtful).then_some(body)
     }
 }
 
