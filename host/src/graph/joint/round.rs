@@ -7,6 +7,10 @@
 //! the Bayesian information criterion. Where the body explains the contacts to their noise, there is
 //! nothing left to say about them; else what comes of it is a start for [`surface`](super::surface).
 //!
+//! How exact normals are is found with the body: half-way between two parts a finger on their edge feels
+//! neither's, and a hand that knows points to a tenth of a millimetre need not know directions as well.
+//! Believed to be exact, a few normals bend the whole trajectory.
+//!
 //! An object's end may be felt by one contact of a grasp, and elsewhere by another grasp, for along its
 //! sides nobody knew where it was. So one contact that the sides do not explain is reason enough for an
 //! end, which then tells where the other grasps were.
@@ -394,8 +398,9 @@ fn candidates(problem: &Problem, one: &Hypothesis) -> Vec<Face> {
         };
         let face = Face { normal, offset: normal.dot(&contact.point) };
         let lies = |other: &Contact| {
+            let turned = 3.0 * other.normal_deviation.hypot(one.body.rough);
             face.value(&other.point).abs() < 3.0 * other.point_deviation
-                && other.normal.is_some_and(|n| (n - normal).norm() < 3.0 * other.normal_deviation)
+                && other.normal.is_some_and(|n| (n - normal).norm() < turned)
         };
         let others = placed.iter().zip(&costs).filter(|(other, _)| lies(other));
         let gain = others.map(|(_, cost)| *cost).sum::<f64>().max(*cost);

@@ -1,15 +1,29 @@
 //! Quadrics and cylinders between flat ends, by few numbers.
 
-use nalgebra::{Cholesky, DVector, Matrix3, Point3, SymmetricEigen, Vector4};
+use nalgebra::{Cholesky, DVector, Matrix3, Point3, SVector, SymmetricEigen};
 
 use crate::graph::joint::tangent::Face;
 use crate::reference::Contact;
 use crate::reference::body::{Part, Quadric};
 use crate::space::{Point, Pose};
 
-/// What no body fits exactly: deviations added to the contacts', of the point in radii of the object
-/// and of the normal in radians.
-const MISFIT: [f64; 2] = [0.003, 0.01];
+/// What no body fits exactly: a deviation added to the points', in radii of the object.
+const MISFIT: f64 = 0.003;
+
+/// The same for normals, radians: how far they err beyond what is said of them is found with the body, for
+/// a hand that knows points well need not know normals as well.
+pub(super) const ROUGH: [f64; 3] = [0.01, 0.02, 0.05];
+
+/// Nats that a contact on an edge costs: few are. About the logarithm of how many deviations of a point
+/// the object is wide, less that of the normal's in a right angle.
+const EDGE: f64 = 2.0;
+
+/// Squared sine between two parts below which they have no edge.
+const SHARP: f64 = 0.05;
+
+/// What a contact differs by, in deviations: its distance, the three of its normal, the distance from
+/// the second part of an edge, and what being on an edge costs, which nothing changes.
+pub(super) type Residual = SVector<f64, 6>;
 
 /// Standard deviation of the sides' numbers before any contact, in radii and inverse radii of the ball
 /// about the contacts.
@@ -24,6 +38,8 @@ pub(super) struct Round {
     pub centre: Point,
     pub side: Side,
     pub ends: Vec<Face>,
+    /// Deviation added to the normals', one of [`ROUGH`].
+    pub rough: f64,
 }
 
 /// What is between the ends.
@@ -44,7 +60,7 @@ impl Round {
     /// The ball of this centre and radius.
     pub fn ball(dimension: usize, (centre, radius): &(Point, f64)) -> Round {
         let side = Side::Quadric(usual(dimension) / *radius);
-        Round { centre: *centre, side, ends: Vec::new() }
+        Round { centre: *centre, side, ends: Vec::new(), rough: ROUGH[0] }
     }
 
     /// The same body in another frame: points p become `frame` p. `None` where numbers are none of a body.
@@ -68,7 +84,7 @@ impl Round {
             let normal = frame.rotation * end.normal;
             Face { normal, offset: end.offset + normal.dot(&frame.translation.vector) }
         });
-        Some(Round { centre, side, ends: ends.collect() })
+        Some(Round { centre, side, ends: ends.collect(), rough: self.rough })
     }
 
     /// How many numbers the sides have, and each end.
@@ -98,7 +114,7 @@ impl Round {
 
     /// How many of the numbers mean something: along its axis a cylinder has no place.
     pub fn freedom(&self, dimension: usize) -> usize {
-        self.width(dimension) - usize::from(self.is_cylinder())
+        self.width(dimension) - usize::from(self.is_cylinder()) + usize::from(self.rough > ROUGH[0])
     }
 
     /// The body with its numbers changed, in radii: centre, root or axis and radius, then turns and
@@ -184,7 +200,7 @@ impl Round {
             Side::Cylinder(axis, r) => (Matrix3::identity() - axis * axis.transpose()) / (r * r),
         };
         let sides = Part::Quadric(Quadric::new(self.centre, form)?);
-        Some(Field { sides, ends: &self.ends, misfit: MISFIT[0] * radius })
+        Some(Field { sides, ends: &self.ends, misfit: MISFIT * radius, rough: self.rough })
     }
 
     /// The round cylinders that are most like it.
@@ -204,6 +220,7 @@ impl Round {
                 centre: self.centre,
                 side: Side::Cylinder(axis, radius),
                 ends: ends.collect(),
+                rough: self.rough,
             };
             (radius.is_finite() && axis.norm() > 0.5).then_some(body)
         };
@@ -217,29 +234,52 @@ pub(super) struct Field<'a> {
     ends: &'a [Face],
     /// Metres: what is added to the deviation of points.
     misfit: f64,
+    /// Radians: what is added to that of normals.
+    rough: f64,
 }
 
 impl Field<'_> {
     /// Distance of a contact (object frame) from the body's surface and the difference of its normal
-    /// from that of the part it suits best, in deviations.
-    pub fn residual(&self, contact: &Contact) -> Vector4<f64> {
+    /// from that of the part it suits best, which may be the edge between the sides and an end.
+    pub fn residual(&self, contact: &Contact) -> Residual {
         let exact = contact.point_deviation.hypot(self.misfit).recip();
-        let turned = contact.normal_deviation.hypot(MISFIT[1]).recip();
+        let turned = contact.normal_deviation.hypot(self.rough).recip();
         let sides = self.sides.at(&contact.point);
         let ends = self.ends.iter().map(|end| (end.value(&contact.point), end.normal));
-        let (mut most, mut least, mut off) = (f64::NEG_INFINITY, f64::INFINITY, Point::zeros());
-        for (value, slope) in std::iter::once(sides).chain(ends) {
-            most = most.max(value);
-            let Some(normal) = contact.normal else { continue };
+        let most = ends.clone().map(|end| end.0).fold(sides.0, f64::max);
+        let mut residual = Residual::zeros();
+        residual[0] = most * exact;
+        let Some(normal) = contact.normal else { return residual };
+        let (mut least, mut off) = (f64::INFINITY, Point::zeros());
+        for (value, slope) in std::iter::once(sides).chain(ends.clone()) {
             let apart = slope - normal;
             let cost = (exact * value).powi(2) + apart.norm_squared() * turned * turned;
             if cost < least {
                 (least, off) = (cost, apart);
             }
         }
-        let mut residual = Vector4::zeros();
-        residual[0] = most * exact;
         residual.fixed_rows_mut::<3>(1).copy_from(&(off * turned));
+        for end in ends {
+            let Some(between) = between(&sides.1, &end.1, &normal) else { continue };
+            let mut other = Residual::zeros();
+            (other[0], other[4], other[5]) = (sides.0 * exact, end.0 * exact, (2.0 * EDGE).sqrt());
+            other.fixed_rows_mut::<3>(1).copy_from(&((between - normal) * turned));
+            if other.norm_squared() < least {
+                least = other.norm_squared();
+                residual = other;
+            }
+        }
         residual
     }
+}
+
+/// The direction nearest to `normal` that an edge between two parts of these normals can have, where
+/// it is neither's own.
+fn between(one: &Point, other: &Point, normal: &Point) -> Option<Point> {
+    let (cosine, by_one, by_other) = (one.dot(other), one.dot(normal), other.dot(normal));
+    let (one_part, other_part) = (by_one - cosine * by_other, by_other - cosine * by_one);
+    if one_part <= 0.0 || other_part <= 0.0 || 1.0 - cosine * cosine < SHARP {
+        return None;
+    }
+    (one * one_part + other * other_part).try_normalize(1e-9)
 }

@@ -1,8 +1,8 @@
 //! From a hypothesis to the likeliest one near it: one pose alone, or all poses and the body together.
 
-use nalgebra::{Cholesky, Const, DVector, Dyn, OMatrix, SMatrix, SVector, Vector4};
+use nalgebra::{Cholesky, Const, DVector, Dyn, OMatrix, SMatrix, SVector};
 
-use super::body::{Field, Round, SHAPE};
+use super::body::{Field, ROUGH, Residual, Round, SHAPE};
 use super::{Followed, Hypothesis};
 use crate::graph::joint::arrow::{Arrow, Row};
 use crate::graph::joint::factors;
@@ -18,15 +18,16 @@ const ALONE: usize = 8;
 const NUDGE: f64 = 1e-6;
 
 /// A contact's cost and the weights of its distance and its normal.
-fn robust(problem: &Problem, residual: &Vector4<f64>) -> (f64, [f64; 2]) {
-    let off = problem.kernel.cost(residual[0].powi(2));
+fn robust(problem: &Problem, residual: &Residual) -> (f64, [f64; 2]) {
+    let off = problem.kernel.cost(residual[0].powi(2) + residual[4].powi(2));
     let turned = problem.kernel.cost(residual.fixed_rows::<3>(1).norm_squared());
-    (off.0 + turned.0, [off.1.sqrt(), turned.1.sqrt()])
+    let edge = 0.5 * residual[5].powi(2);
+    (off.0 + turned.0 + edge, [off.1.sqrt(), turned.1.sqrt()])
 }
 
-fn weighted<const C: usize>(mut rows: SMatrix<f64, 4, C>, weights: [f64; 2]) -> SMatrix<f64, 4, C> {
-    for r in 0..4 {
-        rows.row_mut(r).scale_mut(weights[usize::from(r > 0)]);
+fn weighted<const C: usize>(mut rows: SMatrix<f64, 6, C>, weights: [f64; 2]) -> SMatrix<f64, 6, C> {
+    for r in 0..6 {
+        rows.row_mut(r).scale_mut(weights[usize::from((1..4).contains(&r))]);
     }
     rows
 }
@@ -36,9 +37,9 @@ fn by_pose<const D: usize>(
     field: &Field<'_>,
     felt: &Contact,
     pose: &Pose,
-    at: &Vector4<f64>,
-) -> SMatrix<f64, 4, D> {
-    let mut rows = SMatrix::<f64, 4, D>::zeros();
+    at: &Residual,
+) -> SMatrix<f64, 6, D> {
+    let mut rows = SMatrix::<f64, 6, D>::zeros();
     for (column, axis) in axes::<D>().into_iter().enumerate() {
         let mut tangent = Tangent::zeros();
         tangent[axis] = NUDGE;
@@ -190,6 +191,7 @@ pub(super) fn followed<const D: usize>(problem: &Problem, one: &Hypothesis) -> O
     let rest = one.cost
         - costs.iter().sum::<f64>()
         - price(problem, poses, body)
+        - roughness(problem, poses, &one.body)
         - 0.5 * one.body.oddity(problem.dimension, &one.ball).norm_squared();
     // As many numbers say how the object moved as are sought for it.
     let degrees = (explained.len() * problem.dimension) as f64 - body as f64;
@@ -204,6 +206,27 @@ pub(super) fn followed<const D: usize>(problem: &Problem, one: &Hypothesis) -> O
         covariance: blocks(&inverse.poses),
         given_body: blocks(&inverse.given_faces),
     })
+}
+
+/// What it costs that normals are less exact than they would usually be, nats.
+fn roughness(problem: &Problem, grasps: usize, body: &Round) -> f64 {
+    let felt = problem.felt[..problem.starts[grasps]].iter();
+    let wider = felt.filter(|felt| felt.contact.normal.is_some()).map(|felt| {
+        let known = felt.contact.normal_deviation;
+        (known.hypot(body.rough) / known.hypot(ROUGH[0])).ln()
+    });
+    (problem.dimension - 1) as f64 * wider.sum::<f64>()
+}
+
+/// With normals as exact as is likeliest, and what all of it costs then.
+fn roughened(problem: &Problem, one: &mut Hypothesis) -> Option<f64> {
+    let tried = ROUGH.into_iter().filter_map(|rough| {
+        let body = Round { rough, ..one.body.clone() };
+        Some((cost(problem, &one.poses, &body, &one.ball)?, rough))
+    });
+    let (least, rough) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    one.body.rough = rough;
+    Some(least)
 }
 
 /// What a hypothesis costs at these poses and with this body.
@@ -228,8 +251,11 @@ fn cost(problem: &Problem, poses: &[Pose], body: &Round, ball: &(Point, f64)) ->
         })
         .sum();
     let price = price(problem, poses.len(), body.freedom(problem.dimension));
-    let total =
-        contacts + motions + 0.5 * body.oddity(problem.dimension, ball).norm_squared() + price;
+    let total = contacts
+        + motions
+        + roughness(problem, poses.len(), body)
+        + 0.5 * body.oddity(problem.dimension, ball).norm_squared()
+        + price;
     total.is_finite().then_some(total)
 }
 
@@ -249,7 +275,7 @@ pub(super) fn descend<const D: usize>(
     steps: usize,
     free: Free,
 ) {
-    let Some(mut least) = cost(problem, &one.poses, &one.body, &one.ball) else {
+    let Some(mut least) = roughened(problem, one) else {
         one.cost = f64::INFINITY;
         return;
     };
@@ -306,7 +332,7 @@ fn linearise<const D: usize>(problem: &Problem, one: &Hypothesis) -> Option<Arro
         let placed = felt.contact.transformed(&pose.inverse());
         let residual = field.residual(&placed);
         let weights = robust(problem, &residual).1;
-        let mut by_body = OMatrix::<f64, Const<4>, Dyn>::zeros(width);
+        let mut by_body = OMatrix::<f64, Const<6>, Dyn>::zeros(width);
         for (j, other) in fields.iter().enumerate() {
             by_body.set_column(j, &weighted((other.residual(&placed) - residual) / NUDGE, weights));
         }

@@ -1,3 +1,4 @@
+use super::body::ROUGH;
 use super::*;
 use crate::experiment::tracking::judge::{Judgement, Truth, judge};
 use crate::log::GraspLog;
@@ -127,6 +128,7 @@ fn one_contact_is_reason_for_an_end() {
             centre: Point::zeros(),
             side: Side::Cylinder(Point::z(), 0.03),
             ends: Vec::new(),
+            rough: ROUGH[0],
         };
         let ball = (Point::zeros(), 0.04);
         let poses = vec![Pose::identity()];
@@ -183,7 +185,7 @@ fn a_body_is_the_same_in_another_frame() {
     let centre = Point::new(0.01, 0.0, -0.02);
     let axis = Point::new(0.0, 0.6, 0.8);
     for side in [Side::Quadric(root), Side::Cylinder(axis, 0.03)] {
-        let body = Round { centre, side, ends: vec![end] };
+        let body = Round { centre, side, ends: vec![end], rough: ROUGH[0] };
         let moved = body.transformed(3, &frame).unwrap();
         let [here, there] = [&body, &moved].map(|body| body.field(0.04).unwrap());
         for (x, y) in [(0.05, 0.01), (-0.03, 0.04), (0.0, -0.05)] {
@@ -221,4 +223,55 @@ fn a_reversed_problem_foretells_the_same_poses() {
     assert_eq!(back.felt[0].contact, problem.felt[problem.starts[4]].contact);
     assert!(back.felt.iter().all(|f| !back.of(f.grasp).is_empty()));
     assert_eq!(back.reversed().felt, problem.felt);
+}
+
+/// What a contact with exact point and normal costs a cylinder of 30 mm with an end at 50 mm.
+fn of_a_can(point: Point, normal: Point) -> f64 {
+    let end = Face { normal: Point::z(), offset: 0.05 };
+    let side = Side::Cylinder(Point::z(), 0.03);
+    let can = Round { centre: Point::zeros(), side, ends: vec![end], rough: ROUGH[0] };
+    let contact = Contact {
+        point,
+        normal: Some(normal.normalize()),
+        point_deviation: 1e-4,
+        normal_deviation: 1e-3,
+    };
+    can.field(0.05).unwrap().residual(&contact).norm()
+}
+
+#[test]
+fn on_an_edge_the_normal_lies_between_the_parts() {
+    let edge = Point::new(0.03, 0.0, 0.05);
+    let between = Point::new(1.0, 0.0, 0.7);
+    // No more than that edges are rare.
+    assert!(of_a_can(edge, between) < 2.5);
+    assert!(of_a_can(edge, Point::x()) < 1e-6 && of_a_can(edge, Point::z()) < 1e-6);
+    // Neither beside the edge, nor with a normal that is not between them.
+    assert!(of_a_can(Point::new(0.03, 0.0, 0.04), between) > 20.0);
+    assert!(of_a_can(Point::new(0.02, 0.0, 0.05), between) > 20.0);
+    for outside in
+        [Point::new(1.0, 0.5, 0.7), Point::new(1.0, 0.0, -0.5), Point::new(-0.5, 0.0, 1.0)]
+    {
+        assert!(of_a_can(edge, outside) > 20.0, "{outside}");
+    }
+}
+
+#[test]
+fn normals_need_not_be_as_exact_as_they_are_said_to_be() {
+    let Simulation { mut log, geometry, .. } = slipping("cylinder:0.06x0.09", 10, 307, 0.0);
+    let rough = |log: &GraspLog| {
+        let poses: Vec<Pose> = log.grasps.iter().map(|g| g.truth.unwrap()).collect();
+        near::<6>(&Problem::new(log), &poses).unwrap().body.rough
+    };
+    assert_eq!(rough(&log), ROUGH[0]);
+    log.noise.normal = Some(1e-3);
+    for contact in log.grasps.iter_mut().flat_map(|grasp| &mut grasp.contacts) {
+        contact.normal_noise = None;
+    }
+    assert_eq!(rough(&log), ROUGH[2]);
+    let best = found(&log).swap_remove(0);
+    assert!(best.is_body(), "{best:?}");
+    let steps: Vec<Step> = best.poses.into_iter().map(Step::certain).collect();
+    let judgement = judge(&log, &steps, &Truth::new(geometry)).unwrap();
+    assert!(judgement.rms.rotation < 0.1, "{judgement:?}");
 }
