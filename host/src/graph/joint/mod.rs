@@ -103,6 +103,7 @@ fn corrected(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected
     let near = surface::smooth(log, &starts);
     let round: Vec<Vec<Step>> = round
         .into_iter()
+        .filter(round::Followed::is_start)
         .take(if effort.retrack { ROUND } else { 0 })
         .map(|body| body.poses.into_iter().map(Step::certain).collect())
         .collect();

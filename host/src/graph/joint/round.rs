@@ -90,6 +90,8 @@ pub struct Followed {
     pub per_degree: f64,
     /// Whether its sides are: two parallel faces are a quadric too.
     pub round: bool,
+    /// Whether normals err more than any body's would.
+    pub rough: bool,
     /// Covariance of each pose but the first, with the body as uncertain as it is.
     pub covariance: Vec<Matrix6<f64>>,
     /// The same if the body were known.
@@ -100,6 +102,12 @@ impl Followed {
     /// Whether nothing but such a body need be considered: it explains nearly every contact.
     pub fn is_plain(&self) -> bool {
         self.is_body() && self.wild <= PLAIN
+    }
+
+    /// Whether another model of the object may start from its poses. A body that has to take normals for
+    /// rough and still does not explain the contacts is the wrong one, and has bent them to itself.
+    pub fn is_start(&self) -> bool {
+        self.is_body() || !self.rough
     }
 
     /// Whether the object is such a body: it explains the contacts to their noise, but for a few.
