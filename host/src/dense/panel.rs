@@ -138,7 +138,9 @@ pub(super) fn load<S: Simd, const C: usize>(s: S, from: &[f64], row: usize) -> T
     let mut tile = [[s.splat(0.0); 3]; C];
     for j in 0..C {
         let column = &from[j * WIDTH + row..j * WIDTH + row + 3 * S::LANES];
-        tile[j] = [0, 1, 2].map(|v| s.load(&column[v * S::LANES..]));
+        for v in 0..3 {
+            tile[j][v] = s.load(&column[v * S::LANES..]);
+        }
     }
     tile
 }

@@ -117,7 +117,7 @@ mod tests {
                 }
             }
         }
-        // A fifth: 1 − x misses a round, and each of them drops one in a hundred.
+        // The share h found again has h = 0.99^(200 (1 − h)), one drop in a hundred per miss: a fifth.
         assert!(found > 19 * 200 / 10, "{found}");
     }
 }
