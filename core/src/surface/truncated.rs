@@ -142,6 +142,15 @@ impl<
         }
     }
 
+    /// Gives a contact to the faces; the number of the one that has it. (Not inlined: a board's stack
+    /// need not hold its frame while the body learns.)
+    #[inline(never)]
+    fn file(&mut self, contact: &Contact<S>) -> Option<usize> {
+        self.enclose(contact.point);
+        self.faces.make_room();
+        self.faces.learn(contact).1
+    }
+
     /// Decides which faces truncate the body, now that `contact` is one of the `owner`'s.
     fn review(&mut self, owner: Option<usize>, contact: &Contact<S>) {
         for number in 0..self.faces.faces().len() {
@@ -213,9 +222,7 @@ impl<
     /// the rest is up to the body.
     fn insert(&mut self, contact: &Contact<S>) -> Insertion {
         let Ok(contact) = contact.checked() else { return Insertion::Dropped };
-        self.enclose(contact.point);
-        self.faces.make_room();
-        let (_, owner) = self.faces.learn(&contact);
+        let owner = self.file(&contact);
         self.review(owner, &contact);
         if owner.is_some_and(|number| self.faces.cuts(number)) {
             return Insertion::Stored;
