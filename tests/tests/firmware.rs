@@ -92,8 +92,10 @@ fn faces_agree_with_the_virtual_board<S: Sample>() {
     assert_eq!(bits(&emulated), bits(&here));
     let contacts: usize = log.grasps.iter().map(|g| g.contacts.len()).sum();
     assert!(contacts > 2 * usize::from(here.hello.map));
-    // Its places alone would have had to let contacts go.
-    assert!(here.grasps.iter().all(|g| g.estimate.dropped == 0));
+    // Its places alone would have had to let more contacts go.
+    let dropped: usize = here.grasps.iter().map(|g| usize::from(g.estimate.dropped)).sum();
+    eprintln!("{}D, flat: dropped {dropped} of {contacts}, map {}", S::DIMENSION, here.hello.map);
+    assert!(dropped < (contacts - usize::from(here.hello.map)) / 2);
     let health = emulated.grasps.last().unwrap().health;
     assert!(health.peak_stack < health.stack / 2, "{health:?}");
     eprintln!("{}D, flat: deepest stack {} B", S::DIMENSION, health.peak_stack);
