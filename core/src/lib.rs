@@ -8,7 +8,7 @@
 //!
 //! ```text
 //! contact::Contact → contact::Grasp → track::Tracker → track::Estimate → wire::Frame
-//!                                       │ surface::Gpis + pose belief
+//!                                       │ surface::Map + pose belief
 //!                                       └ explore::choose: the grasp to make next
 //! ```
 //!

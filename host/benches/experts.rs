@@ -4,6 +4,11 @@
 //! `grown` is an object of one size, touched ever more densely; `wide` an object that grows with the
 //! number of contacts, so that none can be merged. Every sample of `add_and_ask` adds a contact and
 //! asks for mean and variance beside it, which fits the experts there anew.
+//!
+//! What a query costs is what one costs that comes alone, at a random place (`one_…`), or among
+//! others of the same few millimetres (`variance_patch_…`, as meshes ask). Points of a batch that is
+//! spread over the object share experts, the more the fewer experts there are: at 1 000 contacts a
+//! batch of 4096 asks each of 300 experts for 50 points at a time, at 100 000 each of 1 700 for 9.
 
 use std::hint::black_box;
 
@@ -181,13 +186,36 @@ fn variance_grown_all_threads(bencher: Bencher<'_, '_>, count: usize) {
     ask(bencher, count, false, true, 0);
 }
 
-/// One point at a time: what a tracker would ask.
+/// Neighbouring points: a cube of 4 mm at the surface.
 #[divan::bench(args = COUNTS, max_time = 1)]
-fn one_variance_grown(bencher: Bencher<'_, '_>, count: usize) {
-    let (surface, points) = (settled(count, false), asked(count, false));
+fn variance_patch_one_thread(bencher: Bencher<'_, '_>, count: usize) {
+    let (surface, corner) = (surface(count, false), asked(count, false)[5]);
+    let place = |i: usize| Point::new((i % 8) as f64, (i / 8 % 8) as f64, (i / 64) as f64);
+    let patch: Vec<Point> = (0..512).map(|i| corner + 5e-4 * place(i)).collect();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    surface.variances(&patch);
+    bencher
+        .counter(ItemsCount::new(patch.len()))
+        .bench_local(|| pool.install(|| surface.variances(black_box(&patch))));
+}
+
+/// One point at a time, here and there: what a tracker would ask.
+fn one<T>(bencher: Bencher<'_, '_>, count: usize, ask: impl Fn(&Experts, &[Point]) -> T) {
+    let (surface, points) = (surface(count, false), asked(count, false));
+    surface.variances(&points);
     let mut next = 0;
     bencher.bench_local(|| {
         next = (next + 1) % BATCH;
-        surface.variances(&points[next..=next])
+        ask(&surface, &points[next..=next])
     });
+}
+
+#[divan::bench(args = COUNTS, sample_count = 2000)]
+fn one_mean_grown(bencher: Bencher<'_, '_>, count: usize) {
+    one(bencher, count, Experts::means);
+}
+
+#[divan::bench(args = COUNTS, sample_count = 2000)]
+fn one_variance_grown(bencher: Bencher<'_, '_>, count: usize) {
+    one(bencher, count, Experts::variances);
 }

@@ -48,6 +48,24 @@ pub trait Sample: Bridge + WireSpace {
     /// Grasps of a 100 × 60 mm ellipse or a 50 mm ball that turns in the hand: five contacts and
     /// one free point each, and one contact with a noise of its own.
     fn log(grasps: usize) -> GraspLog;
+
+    /// The same of a box of 100 × 60 (× 80) mm, whose sides a map of few places takes for flat.
+    fn flat(grasps: usize) -> GraspLog;
+}
+
+/// Contact `c` of grasp `k` on a box: a grasp feels five sides at most.
+fn on_box(dimension: usize, k: usize, c: usize) -> (Point, Point) {
+    const HALF: [f64; 3] = [0.05, 0.03, 0.04];
+    let side = (c + k) % (2 * dimension);
+    let (axis, sign) = (side / 2, [1.0, -1.0][side & 1]);
+    let mut point = Point::zeros();
+    for i in 0..dimension {
+        let along = (1.7 * (5 * k + c) as f64 + 2.3 * i as f64).sin();
+        point[i] = HALF[i] * if i == axis { sign } else { 0.8 * along };
+    }
+    let mut normal = Point::zeros();
+    normal[axis] = sign;
+    (point, normal)
 }
 
 impl Sample for Planar {
@@ -58,6 +76,10 @@ impl Sample for Planar {
             (Point::new(0.05 * cos, 0.03 * sin, 0.0), normal)
         };
         log(2, grasps, planar(0.002, -0.001, 0.15), contact)
+    }
+
+    fn flat(grasps: usize) -> GraspLog {
+        log(2, grasps, planar(0.002, -0.001, 0.15), |k, c| on_box(2, k, c))
     }
 }
 
@@ -72,6 +94,11 @@ impl Sample for Spatial {
         };
         let turn = Pose::new(Point::new(0.002, -0.001, 0.001), Point::new(0.05, 0.1, -0.08));
         log(3, grasps, turn, contact)
+    }
+
+    fn flat(grasps: usize) -> GraspLog {
+        let turn = Pose::new(Point::new(0.002, -0.001, 0.001), Point::new(0.05, 0.1, -0.08));
+        log(3, grasps, turn, |k, c| on_box(3, k, c))
     }
 }
 

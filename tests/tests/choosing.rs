@@ -10,7 +10,7 @@ use tactile_core::explore::{Candidate, Choice, Criterion};
 use tactile_core::matrix::Square;
 use tactile_core::random::Random;
 use tactile_core::space::{Planar, Spatial};
-use tactile_core::surface::Gpis;
+use tactile_core::surface::Truncated;
 use tactile_core::track::MotionNoise;
 use tactile_core::wire::{ChoiceFrame, FaceSummary, TrackerKind, WireSpace};
 use tactile_host::explore::adviser::Closing;
@@ -274,8 +274,8 @@ where
 
 #[test]
 fn a_map_is_worth_what_the_reference_says() {
-    same_worth_on_a_map::<Planar, _>(|| Box::new(PlanarTracker::new(Gpis::new())));
-    same_worth_on_a_map::<Spatial, _>(|| Box::new(SpatialTracker::new(Gpis::new())));
+    same_worth_on_a_map::<Planar, _>(|| Box::new(PlanarTracker::new(Truncated::new())));
+    same_worth_on_a_map::<Spatial, _>(|| Box::new(SpatialTracker::new(Truncated::new())));
 }
 
 /// Grasps, and after each of them what the board would do next by either criterion.

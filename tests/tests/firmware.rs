@@ -10,15 +10,19 @@ use tactile_host::link::session::settings_for;
 use tactile_host::link::{
     Faults, Faulty, Link, LogOutcome, Patience, Session, cycles, qemu, virtual_board,
 };
+use tactile_host::log::GraspLog;
 use tactile_tests::{Sample, board, unless_missing};
 
 const GRASPS: usize = 12;
 const BOOTSTRAP: TrackerKind = TrackerKind::Bootstrap;
 
 fn run<S: Sample>(link: impl Link, patience: Patience) -> LogOutcome<S> {
-    let log = S::log(GRASPS);
+    follow(&S::log(GRASPS), link, patience)
+}
+
+fn follow<S: Sample>(log: &GraspLog, link: impl Link, patience: Patience) -> LogOutcome<S> {
     let session = Session::<S, _>::open(link, patience).unwrap();
-    session.run(&log, settings_for(&log, 7), |_, _| ()).unwrap()
+    session.run(log, settings_for(log, 7), |_, _| ()).unwrap()
 }
 
 /// The estimates' bytes: what equality of `f32` would let pass, a zero's sign or a NaN, shows.
@@ -74,6 +78,37 @@ fn an_emulated_stm32f405_tracks_bit_for_bit_in_the_plane() {
 #[test]
 fn an_emulated_stm32f405_tracks_bit_for_bit_in_space() {
     agrees_with_the_virtual_board::<Spatial>(Machine::Stm32f405, BoardKind::Stm32f405, BOOTSTRAP);
+}
+
+/// A map whose flat sides have taken the contacts off its places.
+fn faces_agree_with_the_virtual_board<S: Sample>() {
+    let Some((_, emulated)) = board::<S>(Machine::Stm32f405, BOOTSTRAP) else { return };
+    let log = S::flat(2 * GRASPS);
+    let here = virtual_board::start(S::DIMENSION, BOOTSTRAP).unwrap();
+    let [emulated, here] = [
+        follow::<S>(&log, emulated, Patience::default()),
+        follow::<S>(&log, here, Patience::default()),
+    ];
+    assert_eq!(bits(&emulated), bits(&here));
+    let contacts: usize = log.grasps.iter().map(|g| g.contacts.len()).sum();
+    assert!(contacts > 2 * usize::from(here.hello.map));
+    // Its places alone would have had to let more contacts go.
+    let dropped: usize = here.grasps.iter().map(|g| usize::from(g.estimate.dropped)).sum();
+    eprintln!("{}D, flat: dropped {dropped} of {contacts}, map {}", S::DIMENSION, here.hello.map);
+    assert!(dropped < (contacts - usize::from(here.hello.map)) / 2);
+    let health = emulated.grasps.last().unwrap().health;
+    assert!(health.peak_stack < health.stack / 2, "{health:?}");
+    eprintln!("{}D, flat: deepest stack {} B", S::DIMENSION, health.peak_stack);
+}
+
+#[test]
+fn flat_sides_track_bit_for_bit_in_the_plane() {
+    faces_agree_with_the_virtual_board::<Planar>();
+}
+
+#[test]
+fn flat_sides_track_bit_for_bit_in_space() {
+    faces_agree_with_the_virtual_board::<Spatial>();
 }
 
 #[test]

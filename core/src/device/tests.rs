@@ -9,7 +9,7 @@ use crate::explore::Stroke;
 use crate::matrix::{Coordinates, Square, Vector};
 use crate::space::{Planar, PlanarPose, Pose};
 
-use crate::surface::Gpis;
+use crate::surface::Truncated;
 use crate::track::{Bootstrap, Estimate, Hypotheses, Modes, Observability, RaoBlackwell, Status};
 use crate::wire::{BeliefFrame, CandidateFrame, ContactFrame};
 
@@ -328,8 +328,8 @@ macro_rules! assert_zero {
 #[test]
 fn zero_bits_are_a_new_tracker() {
     assert_zero!(
-        Bootstrap::new(Gpis::new()) => PlanarTracker,
-        Bootstrap::new(Gpis::new()) => SpatialTracker,
+        Bootstrap::new(Truncated::new()) => PlanarTracker,
+        Bootstrap::new(Truncated::new()) => SpatialTracker,
         Hypotheses::new() => PlanarHypotheses,
         Hypotheses::new() => SpatialHypotheses,
         RaoBlackwell::new() => PlanarRaoBlackwell,

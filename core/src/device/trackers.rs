@@ -7,7 +7,7 @@ use crate::math;
 use crate::matrix::Square;
 use crate::space::{Planar, Spatial};
 use crate::surface::cholesky::packed;
-use crate::surface::{Ball, Gpis, Matern32, Prior, Training};
+use crate::surface::{Matern32, Truncated};
 use crate::track::hypotheses::{self, Chart, Disbelief, Hypotheses, ToldFace};
 use crate::track::rao_blackwell::Faceted;
 use crate::track::{Bootstrap, RaoBlackwell};
@@ -27,12 +27,16 @@ const PLANAR_ROWS: usize = 3 * PLANAR_MAP;
 const SPATIAL_MAP: usize = 33;
 const SPATIAL_ROWS: usize = 4 * SPATIAL_MAP;
 
-/// The surface a planar board holds: 40 contacts with normals.
+/// Flat faces beside them, each of any number of contacts.
+const PLANAR_CUTS: usize = 10;
+const SPATIAL_CUTS: usize = 12;
+
+/// The surface a planar board holds: 40 contacts with normals, and what lies on ten flat faces.
 pub type PlanarMap =
-    Gpis<Planar, Matern32, Ball<Planar>, PLANAR_MAP, PLANAR_ROWS, { packed(PLANAR_ROWS) }>;
-/// The surface a spatial board holds: 33 contacts with normals.
+    Truncated<Planar, Matern32, PLANAR_MAP, PLANAR_ROWS, { packed(PLANAR_ROWS) }, PLANAR_CUTS>;
+/// The surface a spatial board holds: 33 contacts with normals, and what lies on twelve flat faces.
 pub type SpatialMap =
-    Gpis<Spatial, Matern32, Ball<Spatial>, SPATIAL_MAP, SPATIAL_ROWS, { packed(SPATIAL_ROWS) }>;
+    Truncated<Spatial, Matern32, SPATIAL_MAP, SPATIAL_ROWS, { packed(SPATIAL_ROWS) }, SPATIAL_CUTS>;
 /// The tracker of a planar board.
 pub type PlanarTracker = Bootstrap<Planar, PlanarMap, 250>;
 /// The tracker of a spatial board.
@@ -73,12 +77,12 @@ pub type SpatialRaoBlackwellDevice = Device<SpatialRaoBlackwell, Spatial, CONTAC
 
 impl PlanarDevice {
     /// A board that has heard nothing; all zero bits.
-    pub const START: Self = Device::new(Bootstrap::new(Gpis::new()));
+    pub const START: Self = Device::new(Bootstrap::new(Truncated::new()));
 }
 
 impl SpatialDevice {
     /// A board that has heard nothing; all zero bits.
-    pub const START: Self = Device::new(Bootstrap::new(Gpis::new()));
+    pub const START: Self = Device::new(Bootstrap::new(Truncated::new()));
 }
 
 impl PlanarHypothesesDevice {
@@ -106,19 +110,23 @@ impl SpatialRaoBlackwellDevice {
     pub const START: Self = Device::new(RaoBlackwell::new());
 }
 
-impl<S: WireSpace, const SITES: usize, const ROWS: usize, const PACKED: usize, const N: usize>
-    Onboard<S> for Bootstrap<S, Gpis<S, Matern32, Ball<S>, SITES, ROWS, PACKED>, N>
+impl<
+    S: WireSpace,
+    const SITES: usize,
+    const ROWS: usize,
+    const PACKED: usize,
+    const FACES: usize,
+    const N: usize,
+> Onboard<S> for Bootstrap<S, Truncated<S, Matern32, SITES, ROWS, PACKED, FACES>, N>
 {
+    /// Contacts beside those on faces.
     const MAP: usize = SITES;
     const PARTICLES: usize = N;
     const KIND: TrackerKind = TrackerKind::Bootstrap;
 
     fn prepare(&mut self) {
-        self.map_mut().configure(
-            Matern32 { amplitude: AMPLITUDE, lengthscale: LENGTHSCALE },
-            Ball::UNSET,
-            Training::Normals,
-        );
+        let kernel = Matern32 { amplitude: AMPLITUDE, lengthscale: LENGTHSCALE };
+        self.map_mut().configure(kernel);
     }
 
     fn choose(

@@ -9,7 +9,8 @@
 //! ```
 //!
 //! The belief is a tracker's own: the faces of the best hypothesis ([`crate::track::hypotheses`]), or
-//! the Gaussian process that a bootstrap filter holds ([`crate::track::bootstrap`]).
+//! the map that a bootstrap filter holds, where that answers for several points at once
+//! ([`crate::surface::Joint`]).
 //!
 //! # What a grasp is worth
 //!
@@ -33,7 +34,7 @@
 //!
 //! Where nothing was touched there is something to learn, or no hand would ever go there: see
 //! [`Foreseen`](crate::track::hypotheses::Foreseen) for faces, whose prior doubt grows with the distance
-//! from what was touched; a Gaussian process knows by itself.
+//! from what was touched; a Gaussian process, truncated or not, knows by itself.
 
 mod candidate;
 mod worth;

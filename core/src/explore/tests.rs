@@ -8,7 +8,7 @@ use crate::device::{Onboard, PlanarHypotheses, PlanarTracker, SpatialHypotheses,
 use crate::math;
 use crate::matrix::{Coordinates, Vector};
 use crate::space::{Planar, PlanarPose, Spatial, SpatialPose};
-use crate::surface::Gpis;
+use crate::surface::{Map, Truncated};
 use crate::track::hypotheses::ToldFace;
 use crate::track::{Bootstrap, Hypotheses, MotionNoise, Tracker};
 use crate::wire::WireSpace;
@@ -162,7 +162,7 @@ fn faces_foresee_in_space() {
 
 #[test]
 fn a_map_foresees_in_the_plane() {
-    let mut tracker = std::boxed::Box::new(PlanarTracker::new(Gpis::new()));
+    let mut tracker = std::boxed::Box::new(PlanarTracker::new(Truncated::new()));
     assert!(tracker.foresee(None).is_none());
     slab::<Planar, _>(&mut *tracker, STEADY);
     sees_what_was_touched_and_what_was_not(&mut tracker.foresee(None).unwrap());
@@ -170,9 +170,35 @@ fn a_map_foresees_in_the_plane() {
 
 #[test]
 fn a_map_foresees_in_space() {
-    let mut tracker = std::boxed::Box::new(SpatialTracker::new(Gpis::new()));
+    let mut tracker = std::boxed::Box::new(SpatialTracker::new(Truncated::new()));
     slab::<Spatial, _>(&mut *tracker, STEADY);
     sees_what_was_touched_and_what_was_not(&mut tracker.foresee(None).unwrap());
+}
+
+/// A map that has forgotten a side's contacts for its face foresees the side, and its ends.
+#[test]
+fn a_truncated_map_foresees_its_faces() {
+    let mut tracker = std::boxed::Box::new(PlanarTracker::new(Truncated::new()));
+    tracker.prepare();
+    tracker.set_motion_noise(STEADY);
+    tracker.reset(1);
+    let felt: Vec<Contact<Planar>> = [-1.0, 1.0]
+        .into_iter()
+        .flat_map(|side| (0..10).map(move |k| (0.004 * k as f32 - 0.018, side)))
+        .map(|(x, side)| contact(Vector([x, 0.02 * side]), Vector([0.0, side])))
+        .collect();
+    tracker.update(None, GraspView { contacts: &felt, free: &[] });
+    assert_eq!((tracker.map().cuts().count(), tracker.map().body().contacts()), (2, 0));
+    let mut belief = tracker.foresee(None).unwrap();
+    let above = |x: f32| stroke::<Planar>([x, 0.1], [0.0, -0.12]);
+    let met = belief.meet(&above(0.0)).unwrap();
+    assert!((met.point[1] - 0.02).abs() < 1e-4 && met.normal[1] > 0.999, "{:?}", met.point);
+    assert!(met.depth > 0.01 && met.share > 0.99);
+    let [known, near, far] = [0.0, 0.024, 0.032].map(|x| gain(&mut belief, &[above(x)]));
+    assert!(known < 0.1 && near > 2.0 * known && far > 2.0 * near, "{known} {near} {far}");
+    // Nothing was felt of where the slab ends.
+    let side = gain(&mut belief, &[stroke([0.1, 0.0], [-0.15, 0.0])]);
+    assert!(side > far, "{side} {far}");
 }
 
 /// A single contact on a side whose place hangs on the pose alone says little of the shape; a second on
@@ -250,7 +276,7 @@ fn lists_are_lists() {
 fn extremes_are_worth_nothing_or_something() {
     let mut tracker = std::boxed::Box::new(PlanarHypotheses::new());
     slab::<Planar, _>(&mut *tracker, STEADY);
-    let mut map = std::boxed::Box::new(Bootstrap::new(Gpis::new()));
+    let mut map = std::boxed::Box::new(Bootstrap::new(Truncated::new()));
     slab::<Planar, PlanarTracker>(&mut *map, STEADY);
     let mut far = hand(&[stroke([0.0, 0.1], [0.0, -0.2])]);
     far.strokes[1] =

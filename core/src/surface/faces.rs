@@ -70,14 +70,19 @@ impl<S: Space> Face<S> {
 
     /// Variance of that, square metres.
     pub fn variance(&self, point: S::Vector) -> f32 {
-        let arm = point - self.centroid;
-        let mut variance = self.offset_variance;
+        self.joint(point, point)
+    }
+
+    /// Covariance of the values at two points, square metres.
+    pub fn joint(&self, a: S::Vector, b: S::Vector) -> f32 {
+        let (a, b) = (a - self.centroid, b - self.centroid);
+        let mut covariance = self.offset_variance;
         for i in 0..S::DIMENSION {
             for j in 0..S::DIMENSION {
-                variance += arm[i] * self.covariance[i][j] * arm[j];
+                covariance += a[i] * self.covariance[i][j] * b[j];
             }
         }
-        variance
+        covariance
     }
 }
 

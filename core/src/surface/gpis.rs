@@ -13,26 +13,24 @@
 //! points with opposite normals leave the slope between them undecided.
 
 mod bound;
+mod condense;
+mod forget;
 mod joint;
 mod revise;
+mod rows;
 mod spheres;
 
+use rows::Site;
 pub use spheres::Spheres;
 
 use crate::contact::Contact;
 use crate::math;
 use crate::matrix::Coordinates;
 use crate::space::Space;
-use crate::surface::cholesky::{Cholesky, NotPositiveDefinite, packed};
+use crate::surface::cholesky::{Cholesky, NotPositiveDefinite};
 use crate::surface::kernel::{Kernel, Radial};
 use crate::surface::prior::Prior;
 use crate::surface::{Insertion, Map, Probe, Surface};
-
-mod condense;
-mod forget;
-
-/// Sites of one contact, at most.
-const MOST_SITES: usize = 3;
 
 /// How a contact becomes rows of the covariance matrix. Its tag is a byte of its own, so that an
 /// empty surface is all zero bits.
@@ -53,69 +51,9 @@ pub enum Training {
     Spheres(Spheres),
 }
 
-/// One point of the covariance matrix: a value row and, where `slope`, one row per axis after it.
-#[derive(Clone, Copy, Debug)]
-struct Site<S: Space> {
-    point: S::Vector,
-    /// Observed value, metres.
-    value: f32,
-    /// The contact's normal, zero without one: unit length until it took in other contacts.
-    normal: S::Vector,
-    /// Whether there is a normal.
-    felt: bool,
-    /// Whether the normal is observed as a gradient.
-    slope: bool,
-    /// Sites after this one that belong to the same contact.
-    followers: u8,
-    /// Index of the value row.
-    row: u16,
-    /// 1/(k(0) + σ²) of the value and of each slope: what this site alone explains.
-    value_precision: f32,
-    slope_precision: f32,
-    /// σ² of value and normal before others' knowledge came to them, square metres and radians².
-    noise: f32,
-    turn_noise: f32,
-    /// Whether the point lies off the surface: no contact.
-    aside: bool,
-    /// Whether its noise is shared with others, see [`Revisable`](super::Revisable).
-    shared: bool,
-    /// What its pose shifts the observations by: value and slopes.
-    value_offset: f32,
-    slope_offset: S::Vector,
-    /// Posterior weights: (K + Σ)⁻¹ (y − m) of its rows.
-    value_weight: f32,
-    slope_weight: S::Vector,
-}
-
-impl<S: Space> Site<S> {
-    const UNSET: Self = Site {
-        point: S::Vector::ZERO,
-        value: 0.0,
-        normal: S::Vector::ZERO,
-        felt: false,
-        slope: false,
-        followers: 0,
-        row: 0,
-        value_precision: 0.0,
-        slope_precision: 0.0,
-        noise: 0.0,
-        turn_noise: 0.0,
-        aside: false,
-        shared: false,
-        value_offset: 0.0,
-        slope_offset: S::Vector::ZERO,
-        value_weight: 0.0,
-        slope_weight: S::Vector::ZERO,
-    };
-
-    fn rows(&self) -> usize {
-        if self.slope { 1 + S::DIMENSION } else { 1 }
-    }
-}
-
 /// A GPIS of at most `SITES` sites (contacts, or three times as many with
 /// [`Training::OffSurface`]) and `ROWS` rows; `PACKED` is
-/// [`packed`]`(ROWS)`.
+/// [`packed`](super::cholesky::packed)`(ROWS)`.
 ///
 /// ```
 /// use tactile_core::contact::Contact;
@@ -312,162 +250,9 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             - HALF_LN_TAU * self.factor.rows() as f32
     }
 
-    /// y − m of one site into its rows.
-    fn residuals(prior: &P, site: &Site<S>, rows: &mut [f32]) {
-        let (mean, slope) = prior.mean(site.point);
-        let row = usize::from(site.row);
-        rows[row] = site.value + site.value_offset - mean;
-        if site.slope {
-            for j in 0..S::DIMENSION {
-                rows[row + 1 + j] = site.normal[j] + site.slope_offset[j] - slope[j];
-            }
-        }
-    }
-
     /// Sites of contacts and sphere points.
     fn sites(&self) -> &[Site<S>] {
         &self.sites[..self.count + self.enclosing]
-    }
-
-    /// Whether a contact of this many sites and rows still fits, with as many sites to spare.
-    fn fits(&self, sites: usize, rows: usize, spare: usize) -> bool {
-        let spare_rows = spare * (1 + S::DIMENSION);
-        self.count + sites + spare <= SITES && self.taken() + rows + spare_rows <= ROWS
-    }
-
-    /// Appends the rows of one site, with noise of its own.
-    fn append(
-        &mut self,
-        mut site: Site<S>,
-        value_noise: f32,
-        slope_noise: f32,
-    ) -> Result<(), NotPositiveDefinite> {
-        if !self.fits(1, site.rows(), 0) {
-            return Err(NotPositiveDefinite);
-        }
-        let first = self.factor.rows();
-        for row in first..first + site.rows() {
-            let noise = &mut self.noise[packed(row)..packed(row + 1)];
-            noise.fill(0.0);
-            noise[row] = if row == first { value_noise } else { slope_noise };
-        }
-        site.value_precision = 1.0 / (self.kernel.variance() + value_noise);
-        if site.slope {
-            site.slope_precision = 1.0 / (self.kernel.slope_variance() + slope_noise);
-        }
-        self.factorise(site)
-    }
-
-    /// Appends the rows of one site whose noise is in place.
-    fn factorise(&mut self, mut site: Site<S>) -> Result<(), NotPositiveDefinite> {
-        let first = self.factor.rows();
-        site.row = first as u16;
-        if site.slope {
-            for old in 0..self.count {
-                self.stage_cross(&site, old);
-            }
-        } else {
-            self.stage_value(&site);
-        }
-        for i in 0..site.rows() {
-            let row = self.factor.stage(i);
-            // A value and a slope at one point, and two slopes of one point, are independent.
-            row[first..].fill(0.0);
-            row[first + i] =
-                if i == 0 { self.kernel.variance() } else { self.kernel.slope_variance() };
-            let noise = &self.noise[packed(first + i)..packed(first + i + 1)];
-            for (k, noise) in row.iter_mut().zip(noise) {
-                *k += noise;
-            }
-        }
-        for _ in 0..site.rows() {
-            if self.factor.append().is_err() {
-                self.factor.truncate(first);
-                return Err(NotPositiveDefinite);
-            }
-        }
-        self.sites[self.count] = site;
-        self.count += 1;
-        Ok(())
-    }
-
-    /// Writes the covariances of a new site of one row with all others into the staged row.
-    fn stage_value(&mut self, site: &Site<S>) {
-        let row = self.factor.stage(0);
-        for other in &self.sites[..self.count] {
-            let d = site.point - other.point;
-            let at = usize::from(other.row);
-            row[at] = self.kernel.value(d.norm_squared());
-            if other.slope {
-                let a = self.kernel.radial(d.norm_squared()).a;
-                for j in 0..S::DIMENSION {
-                    row[at + 1 + j] = -a * d[j];
-                }
-            }
-        }
-    }
-
-    /// Writes the covariances of the new `site`, with its slopes, and the old one into the staged
-    /// rows.
-    #[inline]
-    fn stage_cross(&mut self, site: &Site<S>, old: usize) {
-        let other = &self.sites[old];
-        let d = site.point - other.point;
-        let Radial { k, a, b } = self.kernel.radial(d.norm_squared());
-        let at = usize::from(other.row);
-        let row = self.factor.stage(0);
-        row[at] = k;
-        if other.slope {
-            for j in 0..S::DIMENSION {
-                row[at + 1 + j] = -a * d[j];
-            }
-        }
-        for i in 0..S::DIMENSION {
-            let row = self.factor.stage(1 + i);
-            row[at] = a * d[i];
-            if other.slope {
-                for j in 0..S::DIMENSION {
-                    let diagonal = if i == j { a } else { 0.0 };
-                    row[at + 1 + j] = -(b * d[i] * d[j] + diagonal);
-                }
-            }
-        }
-    }
-
-    /// The sites of a contact, how many, and the variances of their values and slopes.
-    fn sites_of(&self, contact: &Contact<S>) -> ([(Site<S>, f32, f32); MOST_SITES], usize) {
-        let value_noise = contact.point_deviation * contact.point_deviation;
-        let slope_noise = contact.normal_deviation * contact.normal_deviation;
-        let felt = contact.normal.is_some();
-        let normal = contact.normal.unwrap_or(S::Vector::ZERO);
-        let surface = Site {
-            point: contact.point,
-            normal,
-            felt,
-            noise: value_noise,
-            turn_noise: slope_noise,
-            ..Site::UNSET
-        };
-        let mut sites = [(surface, value_noise, slope_noise); MOST_SITES];
-        let count = match (contact.normal, self.training) {
-            (None, _) => 1,
-            (Some(_), Training::Normals) => {
-                sites[0].0.slope = true;
-                1
-            }
-            (Some(normal), Training::OffSurface(distance)) => {
-                sites[0].0.followers = 2;
-                for (site, value) in sites[1..].iter_mut().zip([distance, -distance]) {
-                    site.0.point = contact.point + normal * value;
-                    site.0.value = value;
-                    site.0.aside = true;
-                }
-                3
-            }
-            // Only the contact: its other points wait for the spheres.
-            (Some(_), Training::Spheres(_)) => 1,
-        };
-        (sites, count)
     }
 
     /// [`Map::insert`] with as many sites to spare after it.
@@ -496,20 +281,6 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             Ok(()) if released > 0 => Insertion::Replaced(released),
             Ok(()) => Insertion::Stored,
         }
-    }
-
-    /// Appends all sites of a contact, or none.
-    fn append_contact(&mut self, contact: &Contact<S>) -> Result<(), NotPositiveDefinite> {
-        let (count, rows) = (self.count, self.factor.rows());
-        let (sites, number) = self.sites_of(contact);
-        for (site, value_noise, slope_noise) in &sites[..number] {
-            if self.append(*site, *value_noise, *slope_noise).is_err() {
-                self.count = count;
-                self.factor.truncate(rows);
-                return Err(NotPositiveDefinite);
-            }
-        }
-        Ok(())
     }
 
     /// Indices of the first site of every contact.

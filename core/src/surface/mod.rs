@@ -63,6 +63,19 @@ pub trait Map<S: Space>: Surface<S> {
     fn contacts(&self) -> usize;
 }
 
+/// A map that answers for several points at once: what foretelling a grasp takes.
+pub trait Joint<S: Space>: Map<S> {
+    /// f at `L` points, metres: to the bit what [`Surface::probe`] says.
+    fn values<const L: usize>(&self, points: &[S::Vector; L]) -> [f32; L];
+
+    /// Covariance of f at the first `N` of some points, square metres; rows and columns beyond their
+    /// number are zero.
+    fn joint<const N: usize>(&self, points: &[S::Vector]) -> [[f32; N]; N];
+
+    /// Where contacts have been learnt: enough points to say how far the object reaches.
+    fn touched(&self) -> impl Iterator<Item = S::Vector> + Clone + '_;
+}
+
 /// What became of a contact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Insertion {

@@ -14,6 +14,7 @@
 //! they are: round, hollow, or too few to tell. A face that turns out to be bent, or to have something
 //! outside it, gives its contacts back, a few that say together what its moments do.
 
+mod joint;
 mod uncut;
 
 pub use uncut::Uncut;
@@ -120,6 +121,12 @@ impl<
         self.faces.cutting().map(|(_, face)| face)
     }
 
+    /// Part of the prior variance that is open where a face is this far beyond its contacts.
+    fn open(&self, beyond: f32) -> f32 {
+        let known = self.kernel.value(beyond * beyond) / self.kernel.variance();
+        math::max(1.0 - known * known, 0.0)
+    }
+
     /// Makes the ball about all contacts hold this one, too (Ritter, *An efficient bounding sphere*,
     /// 1990).
     fn enclose(&mut self, point: S::Vector) {
@@ -133,6 +140,15 @@ impl<
             self.centre += out * ((radius - self.radius) / distance);
             self.radius = radius;
         }
+    }
+
+    /// Gives a contact to the faces; the number of the one that has it. (Not inlined: a board's stack
+    /// need not hold its frame while the body learns.)
+    #[inline(never)]
+    fn file(&mut self, contact: &Contact<S>) -> Option<usize> {
+        self.enclose(contact.point);
+        self.faces.make_room();
+        self.faces.learn(contact).1
     }
 
     /// Decides which faces truncate the body, now that `contact` is one of the `owner`'s.
@@ -206,9 +222,7 @@ impl<
     /// the rest is up to the body.
     fn insert(&mut self, contact: &Contact<S>) -> Insertion {
         let Ok(contact) = contact.checked() else { return Insertion::Dropped };
-        self.enclose(contact.point);
-        self.faces.make_room();
-        let (_, owner) = self.faces.learn(&contact);
+        let owner = self.file(&contact);
         self.review(owner, &contact);
         if owner.is_some_and(|number| self.faces.cuts(number)) {
             return Insertion::Stored;
@@ -245,7 +259,9 @@ impl<
 > Surface<S> for Truncated<S, K, SITES, ROWS, PACKED, FACES>
 {
     /// Of the body or of a face, whichever attains the maximum. A face may end beyond its contacts:
-    /// there it gets as uncertain, with the distance from them, as the body does from one contact.
+    /// there it gets as uncertain, with the distance from them, as the body does from one contact. Among
+    /// them it is no surer than one of them, as the body is: those of a grasp err together.
+    /// [`Joint::joint`](super::Joint::joint) is exact.
     fn probe(&self, point: S::Vector) -> Probe<S> {
         let mut probe = self.body.probe(point);
         for (number, face) in self.faces.cutting() {
@@ -254,14 +270,15 @@ impl<
             let away = math::sqrt(value * value + beyond * beyond);
             probe.nearest = math::min(probe.nearest, away);
             if value > probe.value {
-                let known = self.kernel.value(beyond * beyond) / self.kernel.variance();
-                let open = math::max(1.0 - known * known, 0.0);
+                let open = self.open(beyond);
                 let trace: f32 = (0..S::DIMENSION).map(|i| face.covariance[i][i]).sum();
                 let tilt = trace * (1.0 / S::DIMENSION as f32);
+                let (place, turn) = self.faces.single(number);
                 probe.value = value;
                 probe.gradient = face.normal;
-                probe.variance = face.variance(point) + open * self.kernel.variance();
-                probe.slope_variance = tilt + open * self.kernel.slope_variance();
+                probe.variance =
+                    math::max(face.variance(point), place) + open * self.kernel.variance();
+                probe.slope_variance = math::max(tilt, turn) + open * self.kernel.slope_variance();
             }
         }
         probe

@@ -21,7 +21,7 @@ mod firmware {
     use tactile_core::random::Random;
     use tactile_core::space::{Planar, Pose, Space, Spatial};
     use tactile_core::surface::cholesky::packed;
-    use tactile_core::surface::{Ball, Gpis, Map, Prior, Surface, ThinPlate, Training};
+    use tactile_core::surface::{Ball, Gpis, Map, Prior, Surface, ThinPlate, Training, Truncated};
     use tactile_core::track::{Bootstrap, MotionNoise, Tracker};
     use tactile_firmware::board::Selected;
     use tactile_firmware::counter::{Counter, print, unlike};
@@ -232,8 +232,8 @@ mod firmware {
     #[cortex_m_rt::entry]
     fn main() -> ! {
         static mut PLATE: Plate = Plate::new();
-        static mut PLANAR: PlanarTracker = PlanarTracker::new(Gpis::new());
-        static mut SPATIAL: SpatialTracker = SpatialTracker::new(Gpis::new());
+        static mut PLANAR: PlanarTracker = PlanarTracker::new(Truncated::new());
+        static mut SPATIAL: SpatialTracker = SpatialTracker::new(Truncated::new());
         static mut PLANAR_HYPOTHESES: PlanarHypotheses = PlanarHypotheses::new();
         static mut SPATIAL_HYPOTHESES: SpatialHypotheses = SpatialHypotheses::new();
         Selected::start();

@@ -2,113 +2,18 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::lower::Lower;
 use super::panel::{GROUP, WIDTH, eliminate, finish, offset, product};
+use super::sides::Sides;
 use super::simd::{Simd, Work, run};
-
-/// The lower triangle of a square matrix, half the memory of the whole.
-#[derive(Clone, Debug)]
-pub struct Lower {
-    rows: usize,
-    /// Panels of rows one after the other, filled up with rows that are not there.
-    panels: Vec<f64>,
-}
-
-impl Lower {
-    /// All zero.
-    pub fn zeros(rows: usize) -> Self {
-        Lower { rows, panels: vec![0.0; offset(rows.div_ceil(WIDTH))] }
-    }
-
-    /// The lower triangle of a square matrix.
-    pub fn of(matrix: &DMatrix<f64>) -> Self {
-        let mut lower = Self::zeros(matrix.nrows());
-        for j in 0..lower.rows {
-            for i in j..lower.rows {
-                *lower.at(i, j) = matrix[(i, j)];
-            }
-        }
-        lower
-    }
-
-    /// Number of rows.
-    pub fn rows(&self) -> usize {
-        self.rows
-    }
-
-    /// Entry (i, j), j ≤ i.
-    pub fn get(&self, i: usize, j: usize) -> f64 {
-        self.panels[offset(i / WIDTH) + j * WIDTH + i % WIDTH]
-    }
-
-    /// Entry (i, j), j ≤ i.
-    pub fn at(&mut self, i: usize, j: usize) -> &mut f64 {
-        &mut self.panels[offset(i / WIDTH) + j * WIDTH + i % WIDTH]
-    }
-
-    /// Panel after panel with the number of its first row. What it holds right of the diagonal
-    /// and below the last row does not count.
-    pub(super) fn panels_mut(&mut self) -> impl Iterator<Item = (usize, &mut [f64])> {
-        let mut rest = self.panels.as_mut_slice();
-        (0..self.rows.div_ceil(WIDTH)).map(move |i| {
-            let (panel, after) = std::mem::take(&mut rest).split_at_mut(offset(i + 1) - offset(i));
-            rest = after;
-            (i * WIDTH, panel)
-        })
-    }
-
-    /// The sum over all entries, on both sides of the diagonal, of a symmetric matrix times
-    /// `xᵢ xⱼ − other`ᵢⱼ.
-    pub fn contract(&self, x: &[f64], other: &Lower) -> f64 {
-        let mut sum = 0.0;
-        for j in 0..self.rows {
-            for i in j..self.rows {
-                let share = if i == j { 1.0 } else { 2.0 };
-                sum += share * self.get(i, j) * (x[i] * x[j] - other.get(i, j));
-            }
-        }
-        sum
-    }
-}
-
-/// Right-hand sides of one system, or points with a row of covariances each, in panels.
-#[derive(Clone, Debug)]
-pub(super) struct Sides {
-    /// Numbers of one side.
-    pub length: usize,
-    /// Panels one after the other; each has as many columns as the factor has rows, filled up.
-    pub panels: Vec<f64>,
-}
-
-impl Sides {
-    pub(super) fn zeros(length: usize, count: usize) -> Self {
-        let stride = length.next_multiple_of(WIDTH) * WIDTH;
-        Sides { length, panels: vec![0.0; stride * count.div_ceil(WIDTH)] }
-    }
-
-    /// Numbers of one panel.
-    pub(super) fn stride(&self) -> usize {
-        self.length.next_multiple_of(WIDTH) * WIDTH
-    }
-
-    pub(super) fn at(&mut self, side: usize, k: usize) -> &mut f64 {
-        let stride = self.stride();
-        &mut self.panels[side / WIDTH * stride + k * WIDTH + side % WIDTH]
-    }
-
-    /// Sum of squares of each side, filled up to whole panels.
-    pub(super) fn squares(&self) -> Vec<f64> {
-        let mut sums = vec![0.0; self.panels.len() / self.stride().max(1) * WIDTH];
-        run(Squares { sides: self, to: &mut sums });
-        sums
-    }
-}
+use super::substitute::{Forward, Solve, forward};
 
 /// A = L Lᵀ.
 #[derive(Clone, Debug)]
 pub struct Cholesky {
-    factor: Lower,
+    pub(super) factor: Lower,
     /// One over the diagonal of L, filled up with ones.
-    reciprocals: Vec<f64>,
+    pub(super) reciprocals: Vec<f64>,
 }
 
 impl Cholesky {
@@ -128,9 +33,19 @@ impl Cholesky {
         run(Factor(a))
     }
 
+    /// Of nothing.
+    pub fn empty() -> Self {
+        Cholesky { factor: Lower::zeros(0), reciprocals: Vec::new() }
+    }
+
     /// Number of rows.
     pub fn rows(&self) -> usize {
         self.factor.rows
+    }
+
+    /// Bytes of memory it takes.
+    pub fn bytes(&self) -> usize {
+        std::mem::size_of_val(&*self.factor.panels) + std::mem::size_of_val(&*self.reciprocals)
     }
 
     /// L⁻¹ `b`, in place, one right-hand side a column.
@@ -141,17 +56,12 @@ impl Cholesky {
                 *sides.at(side, k) = *x;
             }
         }
-        self.forward_sides(&mut sides);
+        forward(self, &mut sides, b.ncols());
         for (side, mut column) in b.column_iter_mut().enumerate() {
             for (k, x) in column.iter_mut().enumerate() {
                 *x = *sides.at(side, k);
             }
         }
-    }
-
-    /// L⁻¹ b for every side.
-    pub(super) fn forward_sides(&self, sides: &mut Sides) {
-        run(Forward { factor: self, sides, identity: false });
     }
 
     /// A⁻¹ `b`.
@@ -245,64 +155,6 @@ impl Work for Factor {
     }
 }
 
-struct Forward<'a> {
-    factor: &'a Cholesky,
-    sides: &'a mut Sides,
-    /// Whether the sides are the columns of the identity, zero before their own number.
-    identity: bool,
-}
-
-impl Work for Forward<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with<S: Simd>(self, s: S) {
-        let Cholesky { factor, reciprocals } = self.factor;
-        let stride = self.sides.stride();
-        if stride == 0 {
-            return;
-        }
-        for (number, group) in self.sides.panels.chunks_mut(GROUP * stride).enumerate() {
-            let start = if self.identity { number * GROUP } else { 0 };
-            for j in start..factor.rows.div_ceil(WIDTH) {
-                let panel = &factor.panels[offset(j)..offset(j + 1)];
-                let diagonal = &reciprocals[j * WIDTH..(j + 1) * WIDTH];
-                for rows in group.chunks_exact_mut(stride) {
-                    eliminate(s, rows, panel, diagonal, start * WIDTH, j * WIDTH);
-                }
-            }
-        }
-    }
-}
-
-struct Squares<'a> {
-    sides: &'a Sides,
-    to: &'a mut [f64],
-}
-
-impl Work for Squares<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with<S: Simd>(self, s: S) {
-        let panels = self.sides.panels.chunks_exact(self.sides.stride().max(1));
-        for (panel, to) in panels.zip(self.to.chunks_exact_mut(WIDTH)) {
-            for row in (0..WIDTH).step_by(3 * S::LANES) {
-                let mut sums = [s.splat(0.0); 3];
-                for column in panel.as_chunks::<WIDTH>().0 {
-                    for v in 0..3 {
-                        let x = s.load(&column[row + v * S::LANES..]);
-                        sums[v] = s.mul_add(x, x, sums[v]);
-                    }
-                }
-                for v in 0..3 {
-                    s.store(sums[v], &mut to[row + v * S::LANES..]);
-                }
-            }
-        }
-    }
-}
-
 /// Row i of `half` being column i of L⁻¹, their products are A⁻¹.
 struct Gram<'a> {
     half: &'a Sides,
@@ -320,69 +172,6 @@ impl Work for Gram<'_> {
             let x = rows(first / WIDTH);
             for (j, to) in panel.chunks_exact_mut(WIDTH * WIDTH).enumerate() {
                 product(s, x, rows(j), first, to);
-            }
-        }
-    }
-}
-
-/// A⁻¹ x in place, for one right-hand side filled up with zeros.
-struct Solve<'a> {
-    factor: &'a Cholesky,
-    x: &'a mut [f64],
-}
-
-impl Work for Solve<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with<S: Simd>(self, s: S) {
-        let Cholesky { factor, reciprocals } = self.factor;
-        let count = factor.rows.div_ceil(WIDTH);
-        for i in 0..count {
-            let panel = &factor.panels[offset(i)..offset(i + 1)];
-            let (known, here) = self.x.split_at_mut(i * WIDTH);
-            let mut sums = [0.0; WIDTH];
-            // Three vectors at once, so that each waits for its own sum alone.
-            for v in (0..WIDTH).step_by(3 * S::LANES) {
-                let mut sum = [s.splat(0.0); 3];
-                for (column, x) in panel.as_chunks::<WIDTH>().0.iter().zip(&*known) {
-                    let x = s.splat(*x);
-                    for part in 0..3 {
-                        sum[part] = s.mul_add(s.load(&column[v + part * S::LANES..]), x, sum[part]);
-                    }
-                }
-                for part in 0..3 {
-                    s.store(sum[part], &mut sums[v + part * S::LANES..]);
-                }
-            }
-            let corner = &panel[i * WIDTH * WIDTH..];
-            for r in 0..WIDTH {
-                let mut x = here[r] - sums[r];
-                for k in 0..r {
-                    x -= corner[k * WIDTH + r] * here[k];
-                }
-                here[r] = x * reciprocals[i * WIDTH + r];
-            }
-        }
-        for i in (0..count).rev() {
-            let panel = &factor.panels[offset(i)..offset(i + 1)];
-            let (before, here) = self.x.split_at_mut(i * WIDTH);
-            let corner = &panel[i * WIDTH * WIDTH..];
-            for r in (0..WIDTH).rev() {
-                let mut x = here[r];
-                for k in r + 1..WIDTH {
-                    x -= corner[r * WIDTH + k] * here[k];
-                }
-                here[r] = x * reciprocals[i * WIDTH + r];
-            }
-            for (column, x) in panel.as_chunks::<WIDTH>().0.iter().zip(before) {
-                let mut sums = s.splat(0.0);
-                for v in (0..WIDTH).step_by(S::LANES) {
-                    sums = s.mul_add(s.load(&column[v..]), s.load(&here[v..]), sums);
-                }
-                let mut lanes = [0.0; WIDTH];
-                s.store(sums, &mut lanes);
-                *x -= lanes[..S::LANES].iter().sum::<f64>();
             }
         }
     }
@@ -448,7 +237,7 @@ mod tests {
                 (0..n).for_each(|i| *half.at(i, i) = 1.0);
                 run_with(most, Forward { factor: &ours, sides: &mut half, identity: true });
                 run_with(most, Gram { half: &half, to: &mut inverse });
-                x.extend(sides.panels);
+                x.extend(&*sides.panels);
                 x.extend((0..n).flat_map(|j| (j..n).map(move |i| (i, j))).map(|(i, j)| inverse.get(i, j)));
                 x
             });

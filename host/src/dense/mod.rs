@@ -6,12 +6,18 @@
 //! alone. [`reference`](mod@crate::reference) keeps plain versions of everything here, and the
 //! tests hold the two together.
 
+mod aligned;
 pub mod cholesky;
 pub mod expansion;
+mod explained;
 mod exponential;
+mod lower;
 mod panel;
 mod radial;
+mod sides;
 pub(crate) mod simd;
+mod substitute;
 
-pub use cholesky::{Cholesky, Lower};
+pub use cholesky::Cholesky;
 pub use expansion::{Functional, Sites};
+pub use lower::Lower;

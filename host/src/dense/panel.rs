@@ -131,20 +131,22 @@ fn finish_by<S: Simd, const C: usize>(
 }
 
 /// C columns of 3·LANES rows.
-type Tile<S, const C: usize> = [[<S as Simd>::Vector; 3]; C];
+pub(super) type Tile<S, const C: usize> = [[<S as Simd>::Vector; 3]; C];
 
 #[inline(always)]
-fn load<S: Simd, const C: usize>(s: S, from: &[f64], row: usize) -> Tile<S, C> {
+pub(super) fn load<S: Simd, const C: usize>(s: S, from: &[f64], row: usize) -> Tile<S, C> {
     let mut tile = [[s.splat(0.0); 3]; C];
     for j in 0..C {
         let column = &from[j * WIDTH + row..j * WIDTH + row + 3 * S::LANES];
-        tile[j] = [0, 1, 2].map(|v| s.load(&column[v * S::LANES..]));
+        for v in 0..3 {
+            tile[j][v] = s.load(&column[v * S::LANES..]);
+        }
     }
     tile
 }
 
 #[inline(always)]
-fn store<S: Simd, const C: usize>(s: S, tile: &Tile<S, C>, to: &mut [f64], row: usize) {
+pub(super) fn store<S: Simd, const C: usize>(s: S, tile: &Tile<S, C>, to: &mut [f64], row: usize) {
     for j in 0..C {
         let column = &mut to[j * WIDTH + row..j * WIDTH + row + 3 * S::LANES];
         for v in 0..3 {
@@ -155,7 +157,7 @@ fn store<S: Simd, const C: usize>(s: S, tile: &Tile<S, C>, to: &mut [f64], row: 
 
 /// tile − X Yᵀ for rows of X from `row` and rows of Y from `column`.
 #[inline(always)]
-fn subtract<S: Simd, const C: usize>(
+pub(super) fn subtract<S: Simd, const C: usize>(
     s: S,
     tile: &mut Tile<S, C>,
     x: &[f64],

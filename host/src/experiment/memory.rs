@@ -1,5 +1,5 @@
 //! Bounded memory: a long stream of contacts through maps of few places, against surfaces that keep
-//! them all: a process alone, as a board carries it, and a process truncated by flat faces.
+//! them all: a process alone, and a process truncated by flat faces, as a board carries it.
 
 use std::fmt;
 
@@ -7,12 +7,14 @@ use nalgebra::Rotation3;
 use rayon::prelude::*;
 use serde::Serialize;
 use tactile_core::contact::Contact as Felt;
-use tactile_core::device::{Onboard, PlanarTracker, SpatialTracker};
+use tactile_core::device::{Onboard, PlanarMap, PlanarTracker, SpatialMap, SpatialTracker};
 use tactile_core::matrix::Vector;
 use tactile_core::random::Random;
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::surface::cholesky::packed;
-use tactile_core::surface::{Gpis, Map, Matern32, Surface, Truncated};
+use tactile_core::surface::{
+    Ball, Gpis, Map, Matern32, Prior as _, Surface, Training as Learning, Truncated,
+};
 
 use crate::experiment::{Spread, with_room};
 use crate::reference::{self, Contact, Kernel, Prior, Training};
@@ -50,11 +52,11 @@ const BODY: Matern32 = Matern32 { amplitude: 0.03, lengthscale: 0.1 };
 const PLANAR: usize = <PlanarTracker as Onboard<Planar>>::MAP;
 const SPATIAL: usize = <SpatialTracker as Onboard<Spatial>>::MAP;
 
-/// As many places as a board has, with room for ten faces in the plane and sixteen in space.
-type PlanarTruncated =
-    Truncated<Planar, Matern32, PLANAR, { 3 * PLANAR }, { packed(3 * PLANAR) }, 10>;
-type SpatialTruncated =
-    Truncated<Spatial, Matern32, SPATIAL, { 4 * SPATIAL }, { packed(4 * SPATIAL) }, 16>;
+/// As many places as a board has, and no faces.
+type PlanarAlone =
+    Gpis<Planar, Matern32, Ball<Planar>, PLANAR, { 3 * PLANAR }, { packed(3 * PLANAR) }>;
+type SpatialAlone =
+    Gpis<Spatial, Matern32, Ball<Spatial>, SPATIAL, { 4 * SPATIAL }, { packed(4 * SPATIAL) }>;
 
 /// A place for every contact.
 type PlanarUnlimited =
@@ -87,21 +89,21 @@ pub struct Deviation {
 pub struct MemoryRow {
     /// The object.
     pub object: String,
-    /// Contacts the board's map holds.
+    /// Contacts a board's map holds, those on its faces aside.
     pub capacity: usize,
     /// Mean distance with all contacts kept, millimetres.
     pub unlimited_mean_mm: Option<Spread>,
-    /// Mean distance of the board's map, millimetres.
+    /// Mean distance of the process alone in as many places, millimetres.
     pub bounded_mean_mm: Option<Spread>,
     /// The latter over the former, seed by seed.
     pub mean_ratio: Option<Spread>,
     /// Greatest distance with all contacts kept, millimetres.
     pub unlimited_hausdorff_mm: Option<Spread>,
-    /// Greatest distance of the board's map, millimetres.
+    /// Greatest distance of that, millimetres.
     pub bounded_hausdorff_mm: Option<Spread>,
     /// The latter over the former, seed by seed.
     pub hausdorff_ratio: Option<Spread>,
-    /// Mean distance of as many places truncated by faces, millimetres.
+    /// Mean distance of the board's map, as many places truncated by faces, millimetres.
     pub truncated_mean_mm: Option<Spread>,
     /// The same over that with all contacts kept in the process alone.
     pub truncated_ratio: Option<Spread>,
@@ -177,9 +179,9 @@ fn row(object: &str, geometry: &Geometry, outcomes: &[Outcome]) -> MemoryRow {
 pub struct Outcome {
     /// The process alone with every contact kept, in double precision.
     pub unlimited: Deviation,
-    /// The map of a board.
+    /// The same in the places of a board's map.
     pub bounded: Deviation,
-    /// A map of as many places, truncated by flat faces.
+    /// The map of a board: as many places, truncated by flat faces.
     pub truncated: Deviation,
     /// The same with a place for every contact.
     pub truncated_unlimited: Deviation,
@@ -200,27 +202,27 @@ pub fn compare(geometry: &Geometry, stream: usize, seed: u64) -> Result<Outcome,
     });
     let [bounded, truncated, truncated_unlimited] = match geometry {
         Geometry::Outline(_) => {
-            let mut tracker = Box::new(PlanarTracker::new(Gpis::new()));
-            Onboard::<Planar>::prepare(&mut *tracker);
+            let mut alone = Box::new(PlanarAlone::new());
+            alone.configure(BODY, Ball::UNSET, Learning::Normals);
             let (mut few, mut every) =
-                (Box::new(PlanarTruncated::new()), Box::new(PlanarUnlimited::new()));
+                (Box::new(PlanarMap::new()), Box::new(PlanarUnlimited::new()));
             few.configure(BODY);
             every.configure(BODY);
             [
-                learnt::<Planar, _>(geometry, tracker.map_mut(), &contacts),
+                learnt::<Planar, _>(geometry, &mut *alone, &contacts),
                 learnt::<Planar, _>(geometry, &mut *few, &contacts),
                 learnt::<Planar, _>(geometry, &mut *every, &contacts),
             ]
         }
         Geometry::Mesh(_) => {
-            let mut tracker = Box::new(SpatialTracker::new(Gpis::new()));
-            Onboard::<Spatial>::prepare(&mut *tracker);
+            let mut alone = Box::new(SpatialAlone::new());
+            alone.configure(BODY, Ball::UNSET, Learning::Normals);
             let (mut few, mut every) =
-                (Box::new(SpatialTruncated::new()), Box::new(SpatialUnlimited::new()));
+                (Box::new(SpatialMap::new()), Box::new(SpatialUnlimited::new()));
             few.configure(BODY);
             every.configure(BODY);
             [
-                learnt::<Spatial, _>(geometry, tracker.map_mut(), &contacts),
+                learnt::<Spatial, _>(geometry, &mut *alone, &contacts),
                 learnt::<Spatial, _>(geometry, &mut *few, &contacts),
                 learnt::<Spatial, _>(geometry, &mut *every, &contacts),
             ]
@@ -311,7 +313,7 @@ impl fmt::Display for MemoryTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "Bounded memory: streams of {} contacts at known poses, 1 mm / 5°, into a board's map",
+            "Bounded memory: streams of {} contacts at known poses, 1 mm / 5°, into as many places as a board's map has",
             self.stream
         )?;
         writeln!(

@@ -1,14 +1,11 @@
 //! One expert: the exact Gaussian process of the residual f − prior over a bounded number of
 //! summaries.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
-
 use nalgebra::{DMatrix, DVector};
 
 use super::pyramid::Stamped;
 use super::site::Observation;
-use crate::dense::Cholesky;
+use crate::dense::{Cholesky, Functional, Sites, expansion};
 use crate::reference::Kernel;
 use crate::space::Point;
 
@@ -19,119 +16,61 @@ const FLOORS: [f64; 4] = [1e-9, 1e-7, 1e-5, 1e-3];
 /// A summary's gradient is left out where its variance exceeds this share of the prior's.
 const VAGUE: f64 = 0.06;
 
-/// One point and what is known there.
-#[derive(Clone, Copy, Debug)]
-struct Node {
-    point: Point,
-    /// First row of the matrix: the value's, then the slopes' if there are any.
-    row: usize,
-    felt: bool,
-    /// K⁻¹ y.
-    value: f64,
-    slopes: Point,
-}
-
-/// Bytes that factors may take together; what does not fit is computed anew for every batch.
-#[derive(Clone, Debug)]
-pub struct Budget {
-    taken: Arc<AtomicUsize>,
-    most: usize,
-}
-
-/// A factor within the budget.
-#[derive(Debug)]
-struct Kept {
-    factor: Cholesky,
-    bytes: usize,
-    budget: Budget,
-}
-
-impl Drop for Kept {
-    fn drop(&mut self) {
-        self.budget.taken.fetch_sub(self.bytes, Ordering::Relaxed);
-    }
-}
-
-impl Budget {
-    /// Of so many bytes.
-    pub fn new(most: usize) -> Budget {
-        Budget { taken: Arc::default(), most }
-    }
-
-    /// Bytes in use.
-    pub fn taken(&self) -> usize {
-        self.taken.load(Ordering::Relaxed)
-    }
-
-    fn keep(&self, factor: Cholesky) -> Option<Kept> {
-        let bytes = 8 * factor.rows() * factor.rows();
-        let room = |taken: usize| taken.checked_add(bytes).filter(|sum| *sum <= self.most);
-        self.taken.fetch_update(Ordering::Relaxed, Ordering::Relaxed, room).ok()?;
-        Some(Kept { factor, bytes, budget: self.clone() })
-    }
-}
-
 /// A fitted expert.
 #[derive(Debug)]
 pub struct Expert {
     kernel: Kernel,
-    dimension: usize,
     /// What it was made of.
     pub sources: Vec<Stamped>,
-    nodes: Vec<Node>,
+    sites: Sites,
+    /// Variance of each row, beside the field's own.
     noise: Vec<f64>,
-    factor: Option<Kept>,
+    /// K⁻¹ y, site by site.
+    weighted: Vec<Functional>,
 }
 
 impl Expert {
     /// Fits the residual to observations: (whether its gradient counts however vague, what is
-    /// seen).
+    /// seen). With the factor of its matrix, which [`factor`](Expert::factor) makes again.
     pub fn fit(
         kernel: Kernel,
         dimension: usize,
         sources: Vec<Stamped>,
         observations: &[(bool, Observation)],
-        budget: &Budget,
-    ) -> Expert {
+    ) -> (Expert, Cholesky) {
         let origin = kernel.radial(0.0);
-        let mut nodes = Vec::with_capacity(observations.len());
-        let (mut noise, mut targets) = (Vec::new(), Vec::new());
+        let mut sites = Sites::default();
+        let (mut noise, mut targets, mut own) = (Vec::new(), Vec::new(), Vec::new());
         for (near, seen) in observations {
-            let slope = seen.slope.filter(|(_, v)| *near || *v < -VAGUE * origin.slope);
-            let row = noise.len();
+            sites.push(seen.point, None);
             noise.push(seen.value.1);
             targets.push(seen.value.0);
-            if let Some((slope, variance)) = slope {
-                noise.extend((0..dimension).map(|_| variance));
-                targets.extend((0..dimension).map(|axis| slope[axis]));
-            }
-            let (value, slopes) = (0.0, Point::zeros());
-            nodes.push(Node { point: seen.point, row, felt: slope.is_some(), value, slopes });
-        }
-        let targets = DVector::from_vec(targets);
-        let mut expert = Expert { kernel, dimension, sources, nodes, noise, factor: None };
-        for floor in FLOORS {
-            expert.floor(floor);
-            let Some(factor) = expert.factor() else { continue };
-            let weights = factor.solve(&targets);
-            if !weights.iter().all(|w| w.is_finite()) {
-                continue;
-            }
-            for node in &mut expert.nodes {
-                node.value = weights[node.row];
-                if node.felt {
-                    for axis in 0..dimension {
-                        node.slopes[axis] = weights[node.row + 1 + axis];
-                    }
+            own.push(origin.value);
+            if let Some((slope, variance)) = seen.slope
+                && (*near || variance < -VAGUE * origin.slope)
+            {
+                for axis in 0..dimension {
+                    sites.push(seen.point, Some(axis));
+                    noise.push(variance);
+                    targets.push(slope[axis]);
+                    own.push(-origin.slope);
                 }
             }
-            expert.factor = budget.keep(factor);
-            return expert;
+        }
+        let targets = DVector::from_vec(targets);
+        let mut expert = Expert { kernel, sources, sites, noise, weighted: Vec::new() };
+        for floor in FLOORS {
+            expert.noise.iter_mut().zip(&own).for_each(|(v, own)| *v = v.max(floor * own));
+            let Some(factor) = expert.try_factor() else { continue };
+            let weights = factor.solve(&targets);
+            if weights.iter().all(|w| w.is_finite()) {
+                expert.weighted = expert.sites.weighted(weights.as_slice());
+                return (expert, factor);
+            }
         }
         // Not even with large noise: what is left is the prior.
-        expert.nodes.clear();
-        expert.noise.clear();
-        expert
+        (expert.sites, expert.noise) = (Sites::default(), Vec::new());
+        (expert, Cholesky::empty())
     }
 
     /// Rows of its matrix.
@@ -139,99 +78,38 @@ impl Expert {
         self.noise.len()
     }
 
-    fn floor(&mut self, share: f64) {
-        let origin = self.kernel.radial(0.0);
-        for node in &self.nodes {
-            let value = &mut self.noise[node.row];
-            *value = value.max(share * origin.value);
-            if node.felt {
-                for v in &mut self.noise[node.row + 1..=node.row + self.dimension] {
-                    *v = v.max(-share * origin.slope);
-                }
-            }
-        }
+    /// The factor of its matrix: the same bits every time.
+    pub fn factor(&self) -> Cholesky {
+        // Factored before with the same numbers, so it can be again.
+        self.try_factor().unwrap_or_else(Cholesky::empty)
     }
 
-    fn factor(&self) -> Option<Cholesky> {
-        let n = self.rows();
-        let mut matrix = DMatrix::zeros(n, n);
-        for (j, b) in self.nodes.iter().enumerate() {
-            for a in &self.nodes[j..] {
-                let e = a.point - b.point;
-                let k = self.kernel.radial(e.norm());
-                let (row, column) = (a.row, b.row);
-                matrix[(row, column)] = k.value;
-                for axis in 0..self.dimension {
-                    if a.felt {
-                        matrix[(row + 1 + axis, column)] = k.slope * e[axis];
-                    }
-                    if b.felt {
-                        matrix[(row, column + 1 + axis)] = -k.slope * e[axis];
-                    }
-                    if a.felt && b.felt {
-                        for other in 0..self.dimension {
-                            let own = if axis == other { k.slope } else { 0.0 };
-                            matrix[(row + 1 + axis, column + 1 + other)] =
-                                -(k.bend * e[axis] * e[other] + own);
-                        }
-                    }
-                }
-            }
-        }
+    fn try_factor(&self) -> Option<Cholesky> {
+        let mut matrix = self.sites.covariance(&self.kernel);
         for (i, variance) in self.noise.iter().enumerate() {
-            matrix[(i, i)] += variance;
+            *matrix.at(i, i) += variance;
         }
-        Cholesky::new(matrix).ok()
+        Cholesky::of(matrix).ok()
     }
 
-    /// Posterior mean of the residual and its gradient.
-    pub fn residual(&self, p: &Point) -> (f64, Point) {
-        let (mut value, mut gradient) = (0.0, Point::zeros());
-        for node in &self.nodes {
-            let e = p - node.point;
-            let k = self.kernel.radial(e.norm());
-            let along = e.dot(&node.slopes);
-            value += k.value * node.value - k.slope * along;
-            gradient += e * (k.slope * node.value - k.bend * along) - node.slopes * k.slope;
-        }
-        (value, gradient)
+    /// Posterior mean of the residual at each point, metres.
+    pub fn means(&self, points: &[Point]) -> Vec<f64> {
+        expansion::values(&self.kernel, &self.weighted, points)
     }
 
-    /// Posterior mean of the residual.
-    pub fn mean(&self, p: &Point) -> f64 {
-        let mut value = 0.0;
-        for node in &self.nodes {
-            let e = p - node.point;
-            let k = self.kernel.radial(e.norm());
-            value += k.value * node.value - k.slope * e.dot(&node.slopes);
-        }
-        value
+    /// Posterior mean of the residual, metres, and its gradient at each point.
+    pub fn means_and_gradients(&self, points: &[Point]) -> Vec<(f64, Point)> {
+        let (means, gradients) = expansion::gradients(&self.kernel, &self.weighted, points);
+        means.into_iter().zip(gradients).collect()
     }
 
-    /// Posterior variance of the value at each point, m².
-    pub fn variances(&self, points: &[Point]) -> Vec<f64> {
+    /// Posterior variance of the value at each point, m², by the expert's own factor.
+    pub fn variances(&self, factor: &Cholesky, points: &[Point]) -> Vec<f64> {
         let prior = self.kernel.radial(0.0).value;
-        let mut cross = DMatrix::zeros(self.rows(), points.len());
-        for (p, mut column) in points.iter().zip(cross.column_iter_mut()) {
-            for node in &self.nodes {
-                let e = node.point - p;
-                let k = self.kernel.radial(e.norm());
-                column[node.row] = k.value;
-                if node.felt {
-                    for axis in 0..self.dimension {
-                        column[node.row + 1 + axis] = k.slope * e[axis];
-                    }
-                }
-            }
-        }
-        match &self.factor {
-            Some(kept) => kept.factor.forward(&mut cross),
-            // Factored before with the same numbers, so it can be again.
-            None => match self.factor() {
-                Some(factor) => factor.forward(&mut cross),
-                None => cross.fill(0.0),
-            },
-        }
-        cross.column_iter().map(|c| (prior - c.norm_squared()).max(0.0)).collect()
+        let asked = |p: &Point| Functional { point: *p, value: 1.0, slopes: Point::zeros() };
+        let asked: Vec<Functional> = points.iter().map(asked).collect();
+        let none = DMatrix::zeros(0, 0);
+        let explained = factor.explained(&self.sites, &self.kernel, &asked, (&none, &none));
+        explained.into_iter().map(|e| (prior - e).max(0.0)).collect()
     }
 }

@@ -21,8 +21,14 @@
 //!
 //! Adding a contact touches the sites around it and the cells above it; asking a point, the experts
 //! that have a say there, of bounded number and size: neither grows with the number of contacts.
-//! The same contacts in the same order give the same bits, whatever the number of threads and
-//! whatever was asked in between.
+//! The same contacts in the same order give the same bits, whatever the number of threads, whatever
+//! was asked in between and whatever else is asked with it.
+//!
+//! A variance needs the factors of its experts' matrices. They are kept while there is room
+//! ([`Settings::memory`]; all about a hand-sized object at 1 mm of noise and 100 000 contacts take
+//! 1.4 GB, those about its surface 0.9 GB), and one that is missing is made anew, which costs five
+//! times a query. A query reads them once, and is as fast as memory; points asked together share
+//! that, the more the closer they are.
 //!
 //! # Why this and not another sparse method
 //!
@@ -47,49 +53,33 @@
 //! standard deviations are 1.00 to 1.05 times as large; with 700 contacts, of which a few merge,
 //! by 0.06 (0.37), and 0.99 to 1.09 times.
 
+mod ask;
 pub mod expert;
 pub mod grid;
 pub mod partition;
 pub mod pyramid;
+pub mod settings;
 pub mod site;
+pub mod store;
 
 #[cfg(test)]
 mod tests;
 
-use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use rayon::prelude::*;
 
+use crate::dense::Cholesky;
+use crate::reference::Contact;
 use crate::reference::gpis::Error as SurfaceError;
-use crate::reference::{Contact, Gpis, Kernel, Prior};
-use crate::shape::Field;
-use crate::space::Point;
 
-use expert::{Budget, Expert};
-use grid::Grid;
-use partition::{Partition, Share};
-use pyramid::{Pyramid, Source};
-use site::{Moments, widest};
+use expert::Expert;
+use partition::Partition;
+use pyramid::{Pyramid, Source, Stamped};
+use site::{Moments, Observation};
+use store::Store;
 
-/// Contacts of one site differ along the normal by their noise alone if they are within so many
-/// standard deviations.
-const THICK: f64 = 5.0;
-
-/// The field may bend within a site by this share of a contact's standard deviation, in the plane
-/// and in space. An outline has so few sites that they can be close; on a surface the number grows
-/// as the share to the power −4/3.
-const BENT: [f64; 2] = [1.0 / 128.0, 1.0 / 32.0];
-
-/// A site is this much wider than the scatter of its contacts.
-const DISC: f64 = 2.0;
-
-/// Cells of the top level are at least this many lengthscales and radii of the prior wide: beyond,
-/// contacts are independent.
-const WIDE: (f64, f64) = (8.0, 4.0);
-
-/// Most levels; a top cell is then a million million units wide.
-const LEVELS: i32 = 40;
+pub use settings::{Error, Settings};
 
 /// An expert that sees more than this many times the sites it takes near it has values only of what
 /// is farther away, which keeps its matrix small, if more than [`ORIENTED`] times as many are near.
@@ -98,74 +88,18 @@ const CROWD: f64 = 1.4;
 /// See [`CROWD`].
 const ORIENTED: f64 = 0.25;
 
-/// Points whose variance one task computes at one expert.
-const BLOCK: usize = 64;
-
-/// How a surface of experts is made.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
-    /// 2 or 3.
-    pub dimension: usize,
-    /// Covariance of the field; not the thin plate, which is none over unbounded space.
-    pub kernel: Kernel,
-    /// Mean of the field before contacts.
-    pub prior: Prior,
-    /// Standard deviation of a usual contact point, metres: decides how close contacts merge.
-    pub noise: f64,
-    /// Sites merge no farther than this, metres; [`Settings::reach`] by default. Zero: only what
-    /// coincides.
-    pub reach: f64,
-    /// Sites an expert takes near it before it is split.
-    pub most: usize,
-    /// Bytes the experts' factors may take; what does not fit is factored anew for each batch of
-    /// variances.
-    pub memory: usize,
+/// An expert that was asked.
+#[derive(Clone, Debug)]
+struct Fitted {
+    expert: Arc<Expert>,
+    /// Number of contacts when it was fitted.
+    version: u64,
+    /// Number of contacts when it was last found to be up to date.
+    checked: u64,
 }
 
-impl Settings {
-    /// The usual numbers: 80 sites an expert (48 in the plane), 400 MB.
-    pub fn new(dimension: usize, kernel: Kernel, prior: Prior, noise: f64) -> Settings {
-        let most = if dimension == 2 { 48 } else { 80 };
-        let reach = Settings::reach(dimension, &kernel, noise);
-        Settings { dimension, kernel, prior, noise, reach, most, memory: 400_000_000 }
-    }
-
-    /// How close contacts merge: where the field bends by a small share of their `noise` (metres),
-    /// one in 128 in the plane and one in 32 in space.
-    pub fn reach(dimension: usize, kernel: &Kernel, noise: f64) -> f64 {
-        DISC * widest(kernel, length(kernel), (BENT[usize::from(dimension == 3)] * noise).powi(2))
-    }
-}
-
-/// The kernel's own length, metres.
-fn length(kernel: &Kernel) -> f64 {
-    match *kernel {
-        Kernel::SquaredExponential { lengthscale, .. }
-        | Kernel::Matern32 { lengthscale, .. }
-        | Kernel::Matern52 { lengthscale, .. } => lengthscale,
-        Kernel::ThinPlate { range, .. } => range,
-    }
-}
-
-/// Why there is no surface, or a contact was refused.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum Error {
-    /// A number of a contact or a parameter is unusable.
-    #[error(transparent)]
-    Surface(#[from] SurfaceError),
-    /// The thin plate is a covariance only among points within its range.
-    #[error("experts need a covariance over all of space: not the thin plate")]
-    ThinPlate,
-    /// So far away that cells cannot be numbered.
-    #[error("contact {index}: farther from the others than experts can reach")]
-    Far {
-        /// Counted from 0.
-        index: usize,
-    },
-}
-
-/// An expert, once it was asked, and the number of contacts when it was last up to date.
-type Slot = Mutex<Option<(u64, Arc<Expert>)>>;
+/// An expert, once it was asked.
+type Slot = Mutex<Option<Fitted>>;
 
 /// The surface.
 ///
@@ -199,7 +133,7 @@ pub struct Experts {
     /// One per cell of the partition.
     slots: Vec<Slot>,
     contacts: u64,
-    budget: Budget,
+    store: Store,
 }
 
 impl Experts {
@@ -208,45 +142,10 @@ impl Experts {
     /// # Errors
     /// When a number is not finite and positive, or for the thin plate.
     pub fn new(settings: Settings) -> Result<Experts, Error> {
-        let Settings { dimension, kernel, prior, noise, reach, most, memory } = settings;
-        if !(2..=3).contains(&dimension) {
-            return Err(SurfaceError::Dimension(dimension).into());
-        }
-        if matches!(kernel, Kernel::ThinPlate { .. }) {
-            return Err(Error::ThinPlate);
-        }
-        kernel.check()?;
-        prior.check()?;
-        for (name, value) in [("noise", noise), ("sites an expert takes", most as f64)] {
-            if !(value > 0.0 && value.is_finite()) {
-                return Err(SurfaceError::Parameter { name, value }.into());
-            }
-        }
-        if !(reach >= 0.0 && reach.is_finite()) {
-            let name = "distance within which contacts merge";
-            return Err(SurfaceError::Parameter { name, value: reach }.into());
-        }
-        let (centre, radius) = match prior {
-            Prior::Ball { centre, radius } => (centre, radius),
-            Prior::Ellipsoid(ellipsoid) => (ellipsoid.centre, ellipsoid.height),
-            Prior::Constant(_) => (Point::zeros(), 0.0),
-        };
-        let along = if reach > 0.0 { reach.max(THICK * noise) } else { 0.0 };
-        let unit = along.max(THICK * noise);
-        let wide = (WIDE.0 * length(&kernel)).max(WIDE.1 * radius);
-        let top = ((wide / unit).log2().ceil() as i32).clamp(1, LEVELS);
-        let grid = Grid::new(dimension, &centre, unit, top);
-        // A cell a quarter as wide as a site is packed with sites: splitting would not help.
-        let smallest = (0.25 * reach).max(1e-3 * noise);
-        let finest = ((smallest / unit).log2().floor() as i32).clamp(-LEVELS, 0);
-        Ok(Experts {
-            settings,
-            pyramid: Pyramid::new(grid, (reach, along)),
-            partition: Partition::new(grid, most, finest),
-            slots: Vec::new(),
-            contacts: 0,
-            budget: Budget::new(memory),
-        })
+        settings.check()?;
+        let (pyramid, partition) = settings.lattices();
+        let (slots, store) = (Vec::new(), Store::new(settings.memory));
+        Ok(Experts { settings, pyramid, partition, slots, contacts: 0, store })
     }
 
     /// A surface of all `contacts`.
@@ -306,7 +205,7 @@ impl Experts {
 
     /// Bytes of factors held at present.
     pub fn memory(&self) -> usize {
-        self.budget.taken()
+        self.store.bytes()
     }
 
     /// Fits all experts that have sites near them, on all threads, instead of when they are first
@@ -319,7 +218,7 @@ impl Experts {
             .collect();
         let done = std::sync::atomic::AtomicUsize::new(0);
         leaves.par_iter().for_each(|leaf| {
-            self.expert(*leaf);
+            self.fitted(*leaf);
             let before = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
             progress(before + 1, leaves.len());
         });
@@ -327,128 +226,53 @@ impl Experts {
 
     /// The expert of a leaf, up to date. No lock is held while it is fitted: threads that ask for
     /// the same one at once fit it twice, to the same bits.
-    fn expert(&self, leaf: u32) -> Arc<Expert> {
-        let slot = &self.slots[leaf as usize];
-        let held = slot.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        if let Some((contacts, expert)) = &held
-            && *contacts == self.contacts
-        {
-            return expert.clone();
+    fn fitted(&self, leaf: u32) -> Fitted {
+        let slot = || self.slots[leaf as usize].lock().unwrap_or_else(PoisonError::into_inner);
+        let held = slot().clone();
+        if let Some(fitted) = held.as_ref().filter(|f| f.checked == self.contacts) {
+            return fitted.clone();
         }
         let cell = self.partition.nodes()[leaf as usize].cell;
         let sources = self.pyramid.sources(&cell, self.partition.near(&cell));
-        let expert = match held {
-            Some((_, expert)) if expert.sources == sources => expert,
-            _ => {
+        let checked = self.contacts;
+        let fitted = match held.filter(|f| f.expert.sources == sources) {
+            Some(same) => Fitted { checked, ..same },
+            None => {
                 let Settings { kernel, dimension, .. } = self.settings;
-                // Where sites are dense, their values say from afar what their normals would; but
-                // somebody has to say which side is outside.
-                let is_near = |source: &Source| matches!(source, Source::Near(_));
-                let near = sources.iter().filter(|s| is_near(&s.0)).count() as f64;
-                let most = self.settings.most as f64;
-                let oriented = near > ORIENTED * most;
-                let crowded = sources.len() as f64 > CROWD * most;
-                let seen: Vec<_> = sources
-                    .iter()
-                    .map(|(source, _)| {
-                        let near = is_near(source);
-                        let mut seen =
-                            self.pyramid.moments(*source).observation(&kernel, dimension);
-                        seen.slope = seen.slope.filter(|_| near || !(oriented && crowded));
-                        (near || !oriented, seen)
-                    })
-                    .collect();
-                Arc::new(Expert::fit(kernel, dimension, sources, &seen, &self.budget))
+                let seen = self.observations(&sources);
+                let (expert, factor) = Expert::fit(kernel, dimension, sources, &seen);
+                self.store.put(leaf, checked, Arc::new(factor));
+                Fitted { checked, version: checked, expert: Arc::new(expert) }
             }
         };
-        let fresh = Some((self.contacts, expert.clone()));
-        *slot.lock().unwrap_or_else(PoisonError::into_inner) = fresh;
-        expert
+        *slot() = Some(fitted.clone());
+        fitted
     }
 
-    /// Posterior mean of the field at each point, metres.
-    pub fn means(&self, points: &[Point]) -> Vec<f64> {
-        points.par_iter().map(|p| self.mean(&self.flat(p))).collect()
+    /// The factor of an expert, made anew if there was no room for it.
+    fn factor(&self, leaf: u32, fitted: &Fitted) -> Arc<Cholesky> {
+        self.store.get(leaf, fitted.version).unwrap_or_else(|| {
+            let factor = Arc::new(fitted.expert.factor());
+            self.store.put(leaf, fitted.version, factor.clone());
+            factor
+        })
     }
 
-    fn mean(&self, p: &Point) -> f64 {
-        let residual = |s: &Share| s.leaf.map_or(0.0, |leaf| s.weight * self.expert(leaf).mean(p));
-        self.settings.prior.value(p) + self.partition.shares(p).iter().map(residual).sum::<f64>()
-    }
-
-    /// Gradient of the mean at each point.
-    pub fn gradients(&self, points: &[Point]) -> Vec<Point> {
-        points.par_iter().map(|p| self.gradient(&self.flat(p))).collect()
-    }
-
-    fn gradient(&self, p: &Point) -> Point {
-        let mut sum = self.settings.prior.gradient(p);
-        for share in self.partition.shares(p) {
-            let Some(leaf) = share.leaf else { continue };
-            let (value, gradient) = self.expert(leaf).residual(p);
-            sum += gradient * share.weight + share.slope * value;
-        }
-        self.flat(&sum)
-    }
-
-    /// Variance of the field at each point, m²: that of the mixture of the experts.
-    pub fn variances(&self, points: &[Point]) -> Vec<f64> {
-        let prior = self.settings.kernel.radial(0.0).value;
-        let points: Vec<Point> = points.iter().map(|p| self.flat(p)).collect();
-        let shares: Vec<Vec<Share>> = points.par_iter().map(|p| self.partition.shares(p)).collect();
-        // Each expert answers for all its points at once.
-        let mut asked: BTreeMap<u32, Vec<(usize, usize)>> = BTreeMap::new();
-        for (point, shares) in shares.iter().enumerate() {
-            for (place, share) in shares.iter().enumerate() {
-                if let Some(leaf) = share.leaf {
-                    asked.entry(leaf).or_default().push((point, place));
-                }
-            }
-        }
-        let asked: Vec<(u32, Vec<(usize, usize)>)> = asked.into_iter().collect();
-        let answers: Vec<Vec<(f64, f64)>> = asked
-            .par_iter()
-            .map(|(leaf, at)| {
-                let expert = self.expert(*leaf);
-                let at: Vec<Point> = at.iter().map(|(point, _)| points[*point]).collect();
-                let means = at.iter().map(|p| expert.mean(p));
-                let variances = at.chunks(BLOCK).flat_map(|block| expert.variances(block));
-                means.zip(variances).collect()
-            })
-            .collect();
-        // The prior answers where there is no expert: residual zero.
-        let mut said: Vec<Vec<(f64, f64)>> =
-            shares.iter().map(|s| vec![(0.0, prior); s.len()]).collect();
-        for ((_, at), answers) in asked.iter().zip(answers) {
-            for ((point, place), answer) in at.iter().zip(answers) {
-                said[*point][*place] = answer;
-            }
-        }
-        shares
-            .iter()
-            .zip(said)
-            .map(|(shares, said)| {
-                let weighted = || shares.iter().map(|s| s.weight).zip(&said);
-                let mean: f64 = weighted().map(|(w, (m, _))| w * m).sum();
-                weighted().map(|(w, (m, v))| w * (v + (m - mean).powi(2))).sum()
-            })
-            .collect()
-    }
-
-    /// Planar fields ignore z.
-    fn flat(&self, p: &Point) -> Point {
-        if self.settings.dimension == 2 { Point::new(p.x, p.y, 0.0) } else { *p }
-    }
-}
-
-impl Field for Experts {
-    fn values(&self, points: &[Point]) -> Vec<f64> {
-        self.means(points)
-    }
-
-    fn deviations(&self, points: &[Point]) -> Vec<f64> {
-        let slopes = self.gradients(points);
-        let slopes = slopes.into_iter().map(|g| g.norm().max(Gpis::LEAST_GRADIENT));
-        self.variances(points).into_iter().zip(slopes).map(|(v, slope)| v.sqrt() / slope).collect()
+    /// What an expert makes of its sources: whether their gradients count however vague, and what
+    /// is seen. Where sites are dense, their values say from afar what their normals would; but
+    /// somebody has to say which side is outside.
+    fn observations(&self, sources: &[Stamped]) -> Vec<(bool, Observation)> {
+        let Settings { kernel, dimension, most, .. } = self.settings;
+        let is_near = |source: &Source| matches!(source, Source::Near(_));
+        let near = sources.iter().filter(|s| is_near(&s.0)).count() as f64;
+        let oriented = near > ORIENTED * most as f64;
+        let crowded = sources.len() as f64 > CROWD * most as f64;
+        let observe = |(source, _): &Stamped| {
+            let near = is_near(source);
+            let mut seen = self.pyramid.moments(*source).observation(&kernel, dimension);
+            seen.slope = seen.slope.filter(|_| near || !(oriented && crowded));
+            (near || !oriented, seen)
+        };
+        sources.iter().map(observe).collect()
     }
 }

@@ -1,7 +1,9 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::reference::Training;
+use crate::reference::{Gpis, Kernel, Prior, Training};
+use crate::shape::Field;
+use crate::space::Point;
 
 const KERNEL: Kernel = Kernel::Matern32 { amplitude: 0.025, lengthscale: 0.09 };
 const BALL: Prior = Prior::Ball { centre: Point::new(0.002, -0.001, 0.0), radius: 0.042 };
@@ -173,7 +175,10 @@ proptest! {
         }
         let variance = surface.variances(&[p])[0];
         let said = surface.partition.shares(&p).into_iter().map(|share| match share.leaf {
-            Some(leaf) => surface.expert(leaf).variances(&[p])[0],
+            Some(leaf) => {
+                let fitted = surface.fitted(leaf);
+                fitted.expert.variances(&surface.factor(leaf, &fitted), &[p])[0]
+            }
             None => 0.025 * 0.025,
         });
         let least = said.fold(f64::INFINITY, f64::min);
@@ -234,7 +239,7 @@ fn sites_and_experts_stay_bounded_while_contacts_stream_in() {
     let points = asked(3, 200);
     let rows = |surface: &Experts| {
         let shares = points.iter().flat_map(|p| surface.partition.shares(p));
-        shares.filter_map(|s| Some(surface.expert(s.leaf?).rows())).max().unwrap()
+        shares.filter_map(|s| Some(surface.fitted(s.leaf?).expert.rows())).max().unwrap()
     };
     let most = rows(&many);
     assert!(most <= 1000, "{most}");
@@ -322,6 +327,20 @@ fn the_same_contacts_in_the_same_order_give_the_same_bits() {
     let once = answer(1, false);
     assert_eq!(once, answer(3, false));
     assert_eq!(once, answer(2, true));
+}
+
+#[test]
+fn a_point_gets_the_same_bits_alone_and_among_others() {
+    let surface = experts(3, &touches(3, 300));
+    let points = asked(3, 120);
+    let (means, variances) = (surface.means(&points), surface.variances(&points));
+    let together = surface.means_and_gradients(&points);
+    for (i, p) in points.iter().enumerate() {
+        assert_eq!(surface.means(&[*p])[0].to_bits(), means[i].to_bits());
+        assert_eq!(surface.variances(&[*p])[0].to_bits(), variances[i].to_bits());
+        assert_eq!(surface.means_and_gradients(&[*p])[0], together[i]);
+        assert!((together[i].0 - means[i]).abs() < 1e-15);
+    }
 }
 
 #[test]

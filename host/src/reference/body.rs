@@ -1,5 +1,5 @@
 //! A body of few parts as the mean of the Gaussian process: a ball or another quadric, cut by
-//! planes, planes alone, or a superquadric.
+//! planes, planes alone, a superquadric, or nothing but a box where contacts show a hollow.
 //!
 //! Most things that hands hold are a round body with a few flat ends: a can is a cylinder between
 //! two planes, a bottle an ellipsoid on a plane, a block planes alone. The body carries what many
@@ -17,6 +17,7 @@ use crate::space::Point;
 
 mod close;
 mod fit;
+mod hollow;
 
 /// The quadric (p − c)ᵀ A (p − c) = 1 with A positive semi-definite (thesis 2.19 and 2.20; an
 /// eigenvalue of zero makes a cylinder) as a distance to first order: with q² = (p − c)ᵀ A (p − c),

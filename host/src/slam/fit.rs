@@ -191,7 +191,8 @@ fn exactness(dimension: usize, contacts: &[Contact]) -> f64 {
 
 /// What the process may be about, the ball first, with what is believed of the rest.
 ///
-/// Where poses leave the normals in doubt, contacts fit any body: then there is the ball alone.
+/// Where poses leave the normals in doubt, contacts fit any body: then there is the ball alone. Where
+/// they contradict all convex bodies, there is nothing but a box about them.
 fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
     let usual = Search::default();
     let honest = 1.0 / exactness(dimension, contacts);
@@ -204,6 +205,10 @@ fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
     }
     let residual = Search { amplitude: RESIDUAL, ..usual };
     let faces = Faces::fit(dimension, contacts);
+    let hollow = faces.as_ref().and_then(|faces| Body::hollow(dimension, contacts, faces));
+    if let Some(body) = hollow {
+        return vec![(body, usual)];
+    }
     let flat = fitted(dimension, contacts).ok().filter(Faces::is_convex);
     let others = [
         Body::quadric(dimension, contacts),
@@ -287,6 +292,24 @@ mod tests {
             let error = error(object, 5);
             assert!(error < most, "{object} {error}");
         }
+    }
+
+    #[test]
+    fn what_contacts_contradict_is_no_ball() {
+        let gained = |seed: u64| {
+            let (dimension, contacts, truth) = touched("lshape:0.1x0.08x0.03", 12, seed);
+            let (_, gpis) = fit(dimension, &contacts, &[]).unwrap();
+            let ball = Body::ball(dimension, &contacts).unwrap();
+            let ball = Candidate::new(dimension, &contacts, 0.05, ball, Search::default()).unwrap();
+            let Found { kernel, noise, .. } = ball.found;
+            let about = Model { kernel, body: ball.body, noise, evidence: 0.0 };
+            let about = about.surface(dimension, &contacts).unwrap();
+            let error = |field: &Gpis| field.values(&truth).iter().map(|v| v * v).sum::<f64>();
+            error(&about) / error(&gpis)
+        };
+        let mut gained: Vec<f64> = (3000..3009).map(gained).collect();
+        gained.sort_by(f64::total_cmp);
+        assert!(gained[4] > 1.3, "{gained:?}");
     }
 
     #[test]

@@ -216,6 +216,20 @@ impl<S: Space, const FACES: usize> Faces<S, FACES> {
         numbered.filter(|(_, (_, m))| m.cuts).map(|(number, (face, _))| (number, face))
     }
 
+    /// The two contacts farthest apart of each of them.
+    pub(in crate::surface) fn ends(&self) -> impl Iterator<Item = S::Vector> + Clone + '_ {
+        let cutting = self.moments.iter().take(self.count).filter(|m| m.cuts);
+        cutting.flat_map(|m| m.ends.map(|end| end.point))
+    }
+
+    /// Variances of the place and of the normal of one of a face's contacts, on average.
+    pub(in crate::surface) fn single(&self, number: usize) -> (f32, f32) {
+        self.moments.get(number).map_or((f32::INFINITY, f32::INFINITY), |m| {
+            let contacts = f32::from(m.contacts);
+            (contacts / m.weight, contacts / m.normal_weight)
+        })
+    }
+
     /// How far a point is beyond the contacts of a face, along it, metres.
     pub(in crate::surface) fn beyond(&self, number: usize, point: S::Vector) -> f32 {
         match (self.moments.get(number), self.faces().get(number)) {
@@ -303,3 +317,6 @@ impl<S: Space, const FACES: usize> Faces<S, FACES> {
         contacts
     }
 }
+
+#[cfg(test)]
+mod tests;

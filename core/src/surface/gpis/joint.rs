@@ -3,16 +3,19 @@
 use super::Gpis;
 use crate::matrix::Coordinates;
 use crate::space::Space;
+use crate::surface::Joint;
 use crate::surface::kernel::Kernel;
 use crate::surface::prior::Prior;
 
 impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, const PACKED: usize>
-    Gpis<S, K, P, SITES, ROWS, PACKED>
+    Joint<S> for Gpis<S, K, P, SITES, ROWS, PACKED>
 {
-    /// Posterior covariance of f at the first `N` of some points, square metres, exactly; rows and
-    /// columns beyond their number are zero. Takes `N`·`ROWS` numbers of stack and about n²/2
-    /// multiplications a point.
-    pub fn joint<const N: usize>(&self, points: &[S::Vector]) -> [[f32; N]; N] {
+    fn values<const L: usize>(&self, points: &[S::Vector; L]) -> [f32; L] {
+        Gpis::values(self, points)
+    }
+
+    /// Exactly; takes `N`·`ROWS` numbers of stack and about n²/2 multiplications a point.
+    fn joint<const N: usize>(&self, points: &[S::Vector]) -> [[f32; N]; N] {
         let mut white = [[0.0; ROWS]; N];
         for (row, point) in white.iter_mut().zip(points) {
             self.whiten(*point, row, Self::with_value);
@@ -31,8 +34,8 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         covariance
     }
 
-    /// Where contacts have been learnt, one point for each that is held.
-    pub fn touched(&self) -> impl Iterator<Item = S::Vector> + Clone + '_ {
+    /// One point for each contact that is held.
+    fn touched(&self) -> impl Iterator<Item = S::Vector> + Clone + '_ {
         self.leaders().map(|leader| self.sites[leader].point)
     }
 }

@@ -3,7 +3,7 @@ use crate::matrix::Vector;
 use crate::random::Random;
 use crate::space::{Planar, PlanarPose, Pose, Spatial};
 use crate::surface::cholesky::packed;
-use crate::surface::{Ball, Matern32, Prior};
+use crate::surface::{Ball, Joint, Matern32, Prior};
 use std::boxed::Box;
 use std::vec::Vec;
 
@@ -222,13 +222,23 @@ fn beyond_its_contacts_a_face_is_uncertain() {
     map.insert(&touch(Vector([0.08, -0.02]), Vector([1.0, 0.0]), &mut random));
     map.refit();
     let at = |x: f32| map.probe(Vector([x, 0.0]));
-    assert!(at(0.0).variance < 2e-7 && at(0.018).variance < 1e-6);
-    let mut last = at(0.018);
+    // Contacts together say more than one, which a probe does not count on.
+    let known = |x: f32| map.joint::<1>(&[Vector([x, 0.0])])[0][0];
+    assert!(known(0.0) < 2e-7 && known(0.018) < 1e-6);
+    assert!((at(0.0).variance / (POINT * POINT) - 1.0).abs() < 0.01);
+    assert!((at(0.0).slope_variance / (NORMAL * NORMAL) - 1.0).abs() < 0.01);
+    let mut last = (at(0.018), known(0.018));
     for x in [0.026, 0.029, 0.032] {
-        let probe = at(x);
-        let more = probe.variance > 2.0 * last.variance && probe.nearest > last.nearest + 2e-3;
-        assert!(more, "{last:?} {probe:?}");
-        last = probe;
+        let (probe, exact) = (at(x), known(x));
+        assert!(
+            exact > 2.0 * last.1 && probe.nearest > last.0.nearest + 2e-3,
+            "{last:?} {probe:?}"
+        );
+        assert!(
+            probe.variance > 1.9 * last.0.variance && probe.variance > exact,
+            "{last:?} {probe:?}"
+        );
+        last = (probe, exact);
     }
     // Ten millimetres away one does not know.
     assert!(at(0.03).variance > 4e-6 && (at(0.03).nearest - 0.01).abs() < 3e-3);
@@ -281,4 +291,52 @@ fn another_frame_has_the_same_surface() {
         let (a, b) = (here.probe(p), there.probe(pose.transform(p)));
         assert!((a.value - b.value).abs() < 2e-4, "{a:?} {b:?}");
     }
+}
+
+#[test]
+fn several_points_at_once_are_what_each_is_alone() {
+    let mut map = small();
+    learn(&mut *map, 150, 3, half_disc);
+    assert_eq!(map.cuts().count(), 1);
+    // Two on the straight side, two on the round one, one far beyond the corner of the two.
+    let points =
+        [[0.01, 0.0], [0.013, 0.001], [0.0, 0.041], [-0.028, 0.028], [0.05, -0.03]].map(Vector);
+    let values = map.values(&points);
+    let together = map.joint::<5>(&points);
+    for (i, point) in points.iter().enumerate() {
+        let probe = map.probe(*point);
+        assert_eq!(values[i].to_bits(), probe.value.to_bits());
+        let on_face = map.cuts().any(|face| face.normal == probe.gradient);
+        assert_eq!(on_face, [0, 1, 4].contains(&i), "{i} {probe:?}");
+        let known = together[i][i];
+        assert!(known > 0.0 && known <= 1.0001 * probe.variance, "{i} {known} {probe:?}");
+        for (j, covariance) in together[i].iter().enumerate() {
+            assert_eq!(*covariance, together[j][i]);
+            assert!(covariance * covariance <= known * together[j][j] * 1.0001, "{i} {j}");
+        }
+    }
+    assert_eq!([together[0][2], together[3][1], together[2][4]], [0.0; 3]);
+    assert!(together[2][3] != 0.0);
+    // Among its contacts a face errs as a whole; beyond them each stretch for itself.
+    assert!(together[0][1] > 0.8 * together[0][0], "{together:?}");
+    assert!(together[4][4] > 1e-5 && together[0][4] < 1e-2 * together[4][4], "{together:?}");
+    let [beyond, beside] = [[0.05, -0.03], [0.055, -0.03]].map(Vector);
+    let two = map.joint::<2>(&[beyond, beside]);
+    let correlation = two[0][1] / (two[0][0] * two[1][1]).sqrt();
+    assert!(correlation > 0.99 && correlation < 1.0, "{two:?}");
+    assert_eq!(map.joint::<3>(&points[..1])[1..], [[0.0; 3]; 2]);
+}
+
+#[test]
+fn touched_points_reach_to_the_ends_of_faces() {
+    let mut map = small();
+    learn(&mut *map, 150, 3, |r| on(&SQUARE, r));
+    assert_eq!(map.body().contacts(), 0);
+    let reach = |axis: usize, sign: f32| {
+        map.touched().map(|p| p[axis] * sign).fold(f32::NEG_INFINITY, f32::max)
+    };
+    for (axis, sign) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)] {
+        assert!((reach(axis, sign) - 0.04).abs() < 4e-3);
+    }
+    assert_eq!(map.touched().count(), 8);
 }

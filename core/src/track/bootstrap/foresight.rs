@@ -5,7 +5,7 @@ use crate::explore::{Doubts, FINGERS, Foresight, Meeting, Stroke};
 use crate::math;
 use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
-use crate::surface::{Gpis, Kernel, Prior, Surface};
+use crate::surface::Joint;
 
 /// Points along a way at which the surface is looked for: what is thinner than a sixteenth of the way
 /// through the body may be missed.
@@ -22,44 +22,24 @@ const LEAST_RADIUS: f32 = 0.02;
 /// Slopes below this do not make a value a distance.
 const LEAST_SLOPE: f32 = 0.3;
 
-/// The belief of a [`Bootstrap`] over a Gaussian process about the next grasp, made by
-/// [`Bootstrap::foresee`].
+/// The belief of a [`Bootstrap`] over a Gaussian process, truncated by faces or not, about the next
+/// grasp, made by [`Bootstrap::foresee`].
 ///
-/// A finger meets the zero of the mean. Where nothing was touched the process is as uncertain as its
+/// A finger meets the zero of the mean. Where nothing was touched the surface is as uncertain as its
 /// prior, which makes such places worth a grasp; a way that misses the mean surface is expected to meet
 /// nothing. Pose and surface are independent here.
-pub struct Foreseen<
-    'a,
-    S: Space,
-    K: Kernel,
-    P: Prior<S>,
-    const SITES: usize,
-    const ROWS: usize,
-    const PACKED: usize,
-> {
-    map: &'a Gpis<S, K, P, SITES, ROWS, PACKED>,
+pub struct Foreseen<'a, S: Space, M: Joint<S>> {
+    map: &'a M,
     pose: S::Pose,
     covariance: S::Covariance,
     middle: S::Vector,
     radius: f32,
 }
 
-impl<
-    S: Space,
-    K: Kernel,
-    P: Prior<S>,
-    const SITES: usize,
-    const ROWS: usize,
-    const PACKED: usize,
-    const PARTICLES: usize,
-> Bootstrap<S, Gpis<S, K, P, SITES, ROWS, PACKED>, PARTICLES>
-{
+impl<S: Space, M: Joint<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
     /// What the next grasp would feel: the object is expected to be moved as `motion` says (world to
     /// world), by `None` to stay, up to the motion noise. `None` while the map is empty.
-    pub fn foresee(
-        &self,
-        motion: Option<&S::Pose>,
-    ) -> Option<Foreseen<'_, S, K, P, SITES, ROWS, PACKED>> {
+    pub fn foresee(&self, motion: Option<&S::Pose>) -> Option<Foreseen<'_, S, M>> {
         let (mut middle, mut count) = (S::Vector::ZERO, 0.0);
         for point in self.map.touched() {
             middle += point;
@@ -98,9 +78,7 @@ impl<
     }
 }
 
-impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, const PACKED: usize>
-    Foreseen<'_, S, K, P, SITES, ROWS, PACKED>
-{
+impl<S: Space, M: Joint<S>> Foreseen<'_, S, M> {
     /// The surface between two points along a way, where the values are `high` above zero and `low`
     /// not.
     fn between(&self, way: &Stroke<S>, outer: (f32, f32), inner: (f32, f32)) -> f32 {
@@ -127,9 +105,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     }
 }
 
-impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, const PACKED: usize>
-    Foresight<S> for Foreseen<'_, S, K, P, SITES, ROWS, PACKED>
-{
+impl<S: Space, M: Joint<S>> Foresight<S> for Foreseen<'_, S, M> {
     /// Length of the gradient there.
     type Place = f32;
 

@@ -3,7 +3,7 @@ use crate::contact::FreePoint;
 use crate::matrix::Vector;
 use crate::space::{Planar, PlanarPose};
 use crate::surface::cholesky::packed;
-use crate::surface::{Ball, Gpis, Matern32, Prior, Training};
+use crate::surface::{Ball, Gpis, Matern32, Prior, Surface, Training, Truncated};
 use std::boxed::Box;
 use std::vec::Vec;
 
@@ -65,6 +65,40 @@ fn follows_a_rectangle() {
         assert!(error[2].abs() < 0.09, "{k}: {error:?}");
     }
     assert!(filter.map().contacts() == 40);
+}
+
+/// A board's map: long after its places are full the object is followed, better than at first, and its
+/// sides are faces.
+#[test]
+fn an_endless_stream_of_grasps_sharpens_a_bounded_map() {
+    type Cut = Truncated<Planar, Matern32, 20, 60, { packed(60) }, 10>;
+    let mut filter = Box::new(Bootstrap::<Planar, Cut, 500>::new(Cut::new()));
+    filter.map_mut().configure(Matern32 { amplitude: 0.03, lengthscale: 0.1 });
+    let motion = MotionNoise { translation: 3e-3, rotation: 0.05 };
+    filter.configure(Settings { motion, seed: 2, ..Settings::DEFAULT });
+    let mut random = Random::new(9);
+    let mut truth = PlanarPose::IDENTITY;
+    let mut off = |filter: &mut Bootstrap<Planar, Cut, 500>, count: u32| {
+        let mut sum = 0.0;
+        for _ in 0..count {
+            truth = motion.disturb::<Planar>(&truth, &mut random);
+            let mut grasp = touch(&truth, 0.01 * random.uniform() - 0.005);
+            for contact in &mut grasp {
+                contact.point += random.normal::<Vector<2>>() * 1e-3;
+            }
+            let estimate = filter.update(None, view(&grasp));
+            assert_ne!(estimate.status, Status::Lost);
+            sum += truth.local(&estimate.pose).0[..2].iter().map(|x| x * x).sum::<f32>();
+        }
+        (sum / count as f32).sqrt()
+    };
+    off(&mut filter, 60);
+    let late = off(&mut filter, 60);
+    assert_eq!(filter.map().cuts().count(), 4);
+    assert!(filter.map().contacts() > 800 && late < 1.5e-3, "{late}");
+    for (x, y) in [(0.05, 0.01), (-0.05, 0.01), (0.01, 0.03), (0.01, -0.03)] {
+        assert!(filter.map().probe(Vector([x, y])).value.abs() < 1.5e-3);
+    }
 }
 
 #[test]

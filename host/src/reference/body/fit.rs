@@ -156,20 +156,24 @@ impl Body {
     }
 
     /// The polytope of all `faces`, with ends where they leave it open. `None` without contacts or
-    /// faces, or when more than one side for every two contacts is in doubt: felt by one that no
+    /// faces. Where it has such ends, or fewer than two and a half numbers were measured per
+    /// parameter, nor when more than one side for every two contacts is in doubt: felt by one that no
     /// other face confirms ([`Faces::unconfirmed`]), or not at all. Then there may as well be others:
     /// the share of what was seen once tells how likely the next is new (Good, Biometrika 40, 1953).
-    /// Nor where contacts would hardly have left so large a part of it bare.
+    /// Nor, there, where contacts would hardly have left so large a part of it bare.
     pub fn polytope(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<Body> {
         let problem = Problem::of(dimension, contacts)?;
         let planes = problem.planes(faces, 1);
         let start = problem.start(Round::Nothing);
         let body = problem.body(&planes.iter().fold(start, |fit, plane| fit.cut(dimension, plane)));
         let body = body?.closed(dimension, contacts, &[]);
-        let doubtful = body.parts.len() - planes.len() + faces.unconfirmed(contacts);
+        let guessed = body.parts.len() - planes.len();
+        let measured = problem.measured() as f64;
+        let is_decided = guessed == 0 && measured >= DECIDED * (measured - body.degrees);
+        let doubtful = guessed + faces.unconfirmed(contacts);
         let is_doubtful = doubtful as f64 > DOUBTFUL * contacts.len() as f64
             || body.evenness(dimension, contacts) < EVEN;
-        (!is_doubtful).then_some(body)
+        (is_decided || !is_doubtful).then_some(body)
     }
 }
 
