@@ -121,6 +121,9 @@ mod tests {
                 let Part::Plane(plane) = part else { continue };
                 let side = normals.iter().map(|n| n.dot(&plane.normal)).fold(0.0, f64::max);
                 prop_assert!(side > 0.999, "{}", side);
+                let along = contacts.iter().map(|c| plane.normal.dot(&c.point));
+                let margin = plane.offset - along.fold(f64::NEG_INFINITY, f64::max);
+                prop_assert!((0.005..0.02).contains(&margin), "{}", margin);
                 // Outside beyond it by as much as it is away, on the surface within.
                 let deep = plane.normal * 0.01;
                 let foot = contacts[0].point
@@ -164,15 +167,41 @@ mod tests {
     }
 
     #[test]
-    fn without_crossing_sides_any_axes_do() {
+    fn normals_that_may_be_far_off_contradict_nothing() {
+        let turn = nalgebra::Rotation3::from_axis_angle(&Point::z_axis(), 1.2);
+        let around = |normal_deviation: f64| {
+            let touch = move |i: i32| {
+                let (sin, cos) = (0.63 * f64::from(i)).sin_cos();
+                let out = Point::new(cos, sin, 0.0);
+                Contact { normal_deviation, ..contact(out * 0.05, turn * out) }
+            };
+            (0..10).map(touch).collect::<Vec<Contact>>()
+        };
+        assert!(hollow(&around(0.6)).is_none());
+        assert!(hollow(&around(0.05)).is_some());
+    }
+
+    #[test]
+    fn the_box_is_square_whatever_crosses() {
         let floor =
             |x: f64, z: f64| contact(Point::new(x, 0.0, z), Point::new(0.0, 0.0, z.signum()));
-        // A step: felt from above at two heights, and nothing else.
-        let contacts =
-            [floor(0.0, 0.05), floor(0.01, 0.05), floor(0.05, 0.001), floor(0.06, 0.001)];
-        let body = Body::hollow(3, &contacts, &Faces::fit(3, &contacts).unwrap()).unwrap();
-        assert_eq!(body.parts().len(), 7);
-        let far = body.value(&Point::new(1.0, 1.0, 1.0));
-        assert!(far.is_finite() && far > 0.5);
+        // A step: felt from above at two heights, and nothing else; or a slope beside it, too.
+        let step = [floor(0.0, 0.05), floor(0.01, 0.05), floor(0.05, 0.001), floor(0.06, 0.001)];
+        let slope = contact(Point::new(0.09, 0.0, 0.0), Point::new(0.9, 0.0, 0.19f64.sqrt()));
+        for contacts in [step.to_vec(), [&step[..], &[slope]].concat()] {
+            let body = Body::hollow(3, &contacts, &Faces::fit(3, &contacts).unwrap()).unwrap();
+            assert_eq!(body.parts().len(), 7);
+            let far = body.value(&Point::new(1.0, 1.0, 1.0));
+            assert!(far.is_finite() && far > 0.5);
+            let normals: Vec<Point> = body
+                .parts()
+                .iter()
+                .filter_map(|part| if let Part::Plane(p) = part { Some(p.normal) } else { None })
+                .collect();
+            for (one, other) in normals.iter().flat_map(|a| normals.iter().map(move |b| (a, b))) {
+                let cosine = one.dot(other).abs();
+                assert!(cosine < 1e-9 || (cosine - 1.0).abs() < 1e-9, "{cosine}");
+            }
+        }
     }
 }
