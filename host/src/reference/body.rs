@@ -52,6 +52,14 @@ impl Quadric {
         self.form
     }
 
+    /// q and its gradient, 1/metre.
+    fn gauge(&self, p: &Point) -> (f64, Point) {
+        let v = p - self.centre;
+        let w = self.form * v;
+        let q = v.dot(&w).max(0.0).sqrt();
+        (q, if q > 0.0 { w / q } else { Point::zeros() })
+    }
+
     fn at(&self, p: &Point) -> Local {
         let v = p - self.centre;
         let w = self.form * v;
@@ -99,6 +107,39 @@ impl Part {
             Part::Superquadric(form) => form.distance(p),
             Part::Plane(plane) => (plane.normal.dot(p) - plane.offset, plane.normal),
         }
+    }
+
+    /// Where on its surface a round part is asked for what lies outside.
+    fn foot(&self, p: &Point) -> Foot {
+        let (centre, (gauge, slope)) = match self {
+            Part::Quadric(quadric) => (quadric.centre, quadric.gauge(p)),
+            Part::Superquadric(form) => (form.centre(), form.gauge(p)),
+            Part::Prior(_) | Part::Plane(_) => (*p, (1.0, Point::zeros())),
+        };
+        // Within the surface, and in the open where nothing is a number any more.
+        if !(gauge > 1.0 && gauge.is_finite()) {
+            return Foot { point: *p, ray: Point::zeros(), gauge: 1.0, slope };
+        }
+        let ray = p - centre;
+        Foot { point: centre + ray / gauge, ray, gauge, slope }
+    }
+}
+
+/// Where the ray from a centre to a point outside leaves a surface; a point within is its own.
+struct Foot {
+    /// There.
+    point: Point,
+    /// From the centre to the point outside.
+    ray: Point,
+    /// How many times as far out that is, and its gradient.
+    gauge: f64,
+    slope: Point,
+}
+
+impl Foot {
+    /// The gradient at the point outside of what has this one at the foot.
+    fn carried(&self, gradient: Point) -> Point {
+        (gradient - self.slope * (self.ray.dot(&gradient) / self.gauge)) / self.gauge
     }
 }
 
@@ -198,14 +239,18 @@ impl Body {
             )
     }
 
+    /// What each mode adds at `p`, to first order on the surface. Beyond a round part's surface that
+    /// stays as it is there: to first order sizes would go on adding in proportion to the distance,
+    /// and a surface that contacts move by a tenth would have another sheet far away.
     fn modes_of(&self, part: usize, p: &Point) -> impl Iterator<Item = Local> {
-        let p = *p;
+        let foot = self.parts.get(part).map(|part| part.foot(p));
         self.modes.iter().map(move |mode| {
-            if mode.part != part {
+            let Some(foot) = foot.as_ref().filter(|_| mode.part == part) else {
                 return (0.0, Point::zeros());
-            }
-            let (more, less) = (mode.more.at(&p), mode.less.at(&p));
-            ((more.0 - less.0) * mode.scale, (more.1 - less.1) * mode.scale)
+            };
+            let (more, less) = (mode.more.at(&foot.point), mode.less.at(&foot.point));
+            let slope = foot.carried((more.1 - less.1) * mode.scale);
+            ((more.0 - less.0) * mode.scale, slope)
         })
     }
 }

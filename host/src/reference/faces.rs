@@ -305,9 +305,10 @@ impl Faces {
         self.protrusion < CONCAVE
     }
 
-    /// How many faces were felt by one of these `contacts` (those it was fitted to) and lie neither
-    /// parallel nor square to others that say the same. On curves every contact makes its own.
-    pub fn unconfirmed(&self, contacts: &[Contact]) -> usize {
+    /// The faces that were felt by one of these `contacts` (those they were fitted to) and lie neither
+    /// parallel nor square to others that say the same, by their numbers. On curves every contact makes
+    /// its own.
+    pub fn unconfirmed(&self, contacts: &[Contact]) -> Vec<usize> {
         let alone = |face: &usize| {
             let owned =
                 |(_, owner): &(&Contact, &Option<Owner>)| **owner == Some(Owner::Face(*face));
@@ -316,7 +317,7 @@ impl Faces {
             let own = (self.dimension - 1) as f64 * contact.normal_deviation.powi(2);
             self.faces[*face].normal_covariance.trace() > CONFIRMED * own
         };
-        (0..self.faces.len()).filter(alone).count()
+        (0..self.faces.len()).filter(alone).collect()
     }
 
     /// max (n·p − ρ) and the face that attains it; `None` without faces.

@@ -154,13 +154,17 @@ impl Superquadric {
 
     /// The forms a little to both sides of the one found, along each number that makes it, with one
     /// over the way from one to the other in standard deviations of what is believed of that number
-    /// before any contact: a factor of e for sizes, one for exponents, a radian for turns, the
-    /// object's size for shifts.
+    /// before any contact: a factor of e for sizes and exponents, a radian for turns, the object's size
+    /// for shifts.
     pub fn neighbours(&self) -> Vec<(Form, Form, f64)> {
         let size = self.form.half.iter().fold(0.0, |size: f64, half| size.max(*half));
         let free = |i: &usize| !self.form.planar || PLANAR.contains(i);
         let neighbours = |i: usize| {
-            let deviation = if i < 8 { 1.0 } else { size };
+            let deviation = match i {
+                3 | 4 => self.form.exponents[i - 3],
+                0..8 => 1.0,
+                _ => size,
+            };
             let (more, less) = (self.form.nudged(i, NUDGE), self.form.nudged(i, -NUDGE));
             (more, less, deviation / (2.0 * NUDGE))
         };
@@ -289,6 +293,25 @@ impl Form {
     /// First-order distance, metres, and the unit direction in which it grows; at the centre the least half
     /// length and no direction.
     pub fn distance(&self, p: &Point) -> (f64, Point) {
+        let (g, slope) = self.gauge(p);
+        let steepness = slope.norm();
+        if steepness > 0.0 {
+            ((g - 1.0) / steepness, slope / steepness)
+        } else {
+            let [a, b, c] = self.half;
+            let third = if self.planar { f64::INFINITY } else { c };
+            (-a.min(b).min(third), Point::zeros())
+        }
+    }
+
+    /// The centre, metres.
+    pub fn centre(&self) -> Point {
+        self.pose.translation.vector
+    }
+
+    /// G, which is one on the surface and grows in proportion along rays from the centre, and its
+    /// gradient, 1/metre.
+    pub fn gauge(&self, p: &Point) -> (f64, Point) {
         let local = self.pose.inverse() * Point3::from(*p);
         let [a, b, c] = self.half;
         let (s, by_x, by_y) = norm(local.x / a, local.y / b, 2.0 / self.exponents[1]);
@@ -298,13 +321,7 @@ impl Form {
             let (g, by_s, by_z) = norm(s, local.z / c, 2.0 / self.exponents[0]);
             (g, Point::new(by_s * by_x / a, by_s * by_y / b, by_z / c))
         };
-        let steepness = slope.norm();
-        if steepness > 0.0 {
-            ((g - 1.0) / steepness, self.pose.rotation * (slope / steepness))
-        } else {
-            let third = if self.planar { f64::INFINITY } else { c };
-            (-a.min(b).min(third), Point::zeros())
-        }
+        (g, self.pose.rotation * slope)
     }
 }
 

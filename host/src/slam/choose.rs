@@ -126,8 +126,18 @@ const UNTOUCHED: f64 = 0.6;
 
 /// Most faces of one contact that nothing else confirms, as a share of the contacts. It estimates how
 /// likely the next contact is to make a new face (Good, Biometrika 40, 1953): low where all faces were
-/// found, high on curves, where every contact makes its own. One may always be.
+/// found, high on curves, where every contact makes its own.
 const LONE: f64 = 0.05;
+
+/// Whether so many of the faces make a convex object doubtful, or one that is not.
+///
+/// A finger on a rounded edge makes a face that stands for the side behind it, and corners far away:
+/// the process loses less than that, even for a single one, unless the object is hollow.
+fn too_many(lone: usize, faces: &Faces, felt: usize) -> bool {
+    let most = (LONE * felt as f64).floor() as usize;
+    let most = if faces.is_convex() { most.saturating_sub(1) } else { most.max(1) };
+    lone > most
+}
 
 /// Closing planes that are tried one at a time.
 const MOST_CLOSINGS: usize = 8;
@@ -233,8 +243,8 @@ fn examine(
     let felt = contacts.iter().filter(|c| c.normal.is_some()).count();
     // The faces first: their figures are cheap.
     let faces = fitted(dimension, contacts)?;
-    let lone = faces.unconfirmed(contacts);
-    if lone > 1 && lone as f64 > LONE * felt as f64 {
+    let lone = faces.unconfirmed(contacts).len();
+    if too_many(lone, &faces, felt) {
         return Err(Refusal::Lone { lone, contacts: felt });
     }
     if faces.bending > BENT {
@@ -381,6 +391,19 @@ mod tests {
             assert!(bounds(&outline.loops[0]) < 1.05e-3 * bounds(corners));
             assert!(polytope.deviations.iter().any(|d| *d > 3e-3));
         }
+    }
+
+    #[test]
+    fn a_face_of_one_contact_does_not_stand_for_a_side() {
+        // Three sides of a rectangle, and a finger on the edge between one of them and the fourth.
+        let mut contacts = along(&RECTANGLE, 4);
+        contacts.truncate(12);
+        assert!(judge(2, &contacts, &[]).is_ok());
+        let point = Point::new(-0.06, -0.03, 0.0);
+        let normal = Some(Point::new(-1.0, -1.0, 0.0).normalize());
+        contacts.push(Contact { point, normal, ..contacts[0] });
+        let refusal = judge(2, &contacts, &[]).unwrap_err();
+        assert!(matches!(refusal, Refusal::Lone { lone: 1, contacts: 13 }), "{refusal}");
     }
 
     #[test]

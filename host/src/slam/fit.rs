@@ -319,6 +319,21 @@ mod tests {
     }
 
     #[test]
+    fn a_body_that_contacts_move_has_no_other_sheet() {
+        // Boxes whose superquadric is a little off: its sizes and turns must not grow with the distance.
+        for (object, contacts, seed) in
+            [("box:0.15x0.2x0.06", 40, 1002), ("box:0.1x0.07x0.05", 12, 1002)]
+        {
+            let (dimension, contacts, truth) = touched(object, contacts, seed);
+            let (_, gpis) = fit(dimension, &contacts, &[]).unwrap();
+            let far: Vec<Point> =
+                (4..40).flat_map(|k| truth.iter().map(move |p| p * f64::from(k) * 0.5)).collect();
+            let nearest = gpis.values(&far).into_iter().fold(f64::INFINITY, f64::min);
+            assert!(nearest > 0.0, "{object} {nearest}");
+        }
+    }
+
+    #[test]
     fn contacts_on_one_side_leave_the_other_open() {
         // Five touches on a tenth of an ellipse's outline fit a ball.
         let touch = |i: i32| {

@@ -170,7 +170,7 @@ impl Body {
         let guessed = body.parts.len() - planes.len();
         let measured = problem.measured() as f64;
         let is_decided = guessed == 0 && measured >= DECIDED * (measured - body.degrees);
-        let doubtful = guessed + faces.unconfirmed(contacts);
+        let doubtful = guessed + faces.unconfirmed(contacts).len();
         let is_doubtful = doubtful as f64 > DOUBTFUL * contacts.len() as f64
             || body.evenness(dimension, contacts) < EVEN;
         (is_decided || !is_doubtful).then_some(body)

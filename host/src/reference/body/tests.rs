@@ -159,7 +159,7 @@ fn touches(all: &[(f64, f64, f64)]) -> Vec<Contact> {
 fn few_contacts_make_a_polytope_unless_too_many_sides_are_in_doubt() {
     let polytope = |contacts: &[Contact]| {
         let faces = Faces::fit(2, contacts).unwrap().simplified(contacts).regular(contacts);
-        (faces.unconfirmed(contacts), Body::polytope(2, contacts, &faces))
+        (faces.unconfirmed(contacts).len(), Body::polytope(2, contacts, &faces))
     };
     // Two long sides of a block and one end, which is square to them.
     let (up, down) = (90.0, -90.0);
