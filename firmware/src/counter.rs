@@ -54,6 +54,11 @@ pub fn print(what: &str, count: u32) {
     hprintln!("{:<48} {:>10}", what, count);
 }
 
+/// One line of a table with a column before the count, as [`print`] prints it.
+pub fn print_beside(what: &str, floor: usize, count: impl FnOnce() -> u32) {
+    hprintln!("{:<48} {:>10} {:>10}", what, floor, count());
+}
+
 /// Ends the run as failed: what was counted is not what should have been.
 pub fn unlike(what: &impl core::fmt::Debug) {
     hprintln!("not what was to be counted: {:?}", what);

@@ -4,7 +4,7 @@
 
 use divan::Bencher;
 use nalgebra::{DMatrix, DVector};
-use tactile_host::dense::{Cholesky, Functional, Sites, expansion};
+use tactile_host::dense::{Cholesky, Functional, Sites, Weighted};
 use tactile_host::reference::Kernel;
 use tactile_host::shape::{Field, surface};
 use tactile_host::space::Point;
@@ -49,7 +49,7 @@ fn uniform() -> impl FnMut() -> f64 {
 struct Regression {
     sites: Sites,
     cholesky: Cholesky,
-    weighted: Vec<Functional>,
+    weighted: Weighted,
 }
 
 impl Regression {
@@ -82,16 +82,16 @@ impl Regression {
 
 impl Field for Regression {
     fn values(&self, points: &[Point]) -> Vec<f64> {
-        expansion::values(&KERNEL, &self.weighted, points)
+        self.weighted.values(&KERNEL, points)
     }
 
     fn first_order(&self, points: &[Point], _step: f64) -> Vec<(f64, Point)> {
-        let (values, gradients) = expansion::gradients(&KERNEL, &self.weighted, points);
+        let (values, gradients) = self.weighted.gradients(&KERNEL, points);
         values.into_iter().zip(gradients).collect()
     }
 
     fn deviations(&self, points: &[Point]) -> Vec<f64> {
-        let (_, slopes) = expansion::gradients(&KERNEL, &self.weighted, points);
+        let (_, slopes) = self.weighted.gradients(&KERNEL, points);
         let deviations = self.variances(points).into_iter().map(f64::sqrt);
         deviations.zip(slopes).map(|(d, slope)| d / slope.norm()).collect()
     }

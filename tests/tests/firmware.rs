@@ -201,3 +201,27 @@ fn sensors_keep_within_their_cycles() {
     let [finger] = cycles("one reading, begun and fetched")[..] else { panic!("{printed}") };
     assert!(5 * 1000 * finger <= 168_000_000 * 15 / 100, "{finger}");
 }
+
+/// The map's cycles beside the least that its arithmetic takes: within what they were when this was
+/// written, and not below what nothing can be below.
+#[test]
+fn a_map_keeps_near_the_floor_of_its_arithmetic() {
+    let machine = Machine::Mps2An386;
+    let Some(elf) = unless_missing(firmware::build("bench-map", machine)) else { return };
+    let limit = Duration::from_secs(120);
+    let Some(printed) = unless_missing(cycles::run(&elf, machine, limit)) else { return };
+    eprintln!("{printed}");
+    let most = [("append", 3.0), ("mean at", 2.1), ("mean and", 4.0)];
+    let mut seen = 0;
+    for (name, most) in most {
+        for line in printed.lines().filter(|line| line.trim().starts_with(name)) {
+            let numbers: Vec<f64> =
+                line.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+            let [floor, instructions, cycles] = numbers[..] else { panic!("{line}") };
+            assert!(floor < cycles && instructions < cycles, "{line}");
+            assert!(cycles < most * floor, "{line}");
+            seen += 1;
+        }
+    }
+    assert_eq!(seen, 9);
+}

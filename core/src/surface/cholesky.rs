@@ -65,10 +65,60 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
         if n >= ROWS {
             return Err(NotPositiveDefinite);
         }
+        let (old, staged) = self.lower.split_at_mut(start(n));
+        forward(old, &self.inverse_diagonal[..n], &mut staged[..n]);
+        self.finish(n)
+    }
+
+    /// Appends the first `count` staged rows, one to four, in one pass over the factor; takes four
+    /// times `ROWS` numbers of stack.
+    ///
+    /// # Errors
+    /// As [`append`](Self::append); the factor is as it was.
+    pub fn append_together(&mut self, count: usize) -> Result<(), NotPositiveDefinite> {
+        match count {
+            1 => self.append(),
+            2 | 3 => self.append_sides::<3>(count),
+            4 => self.append_sides::<4>(count),
+            _ => Err(NotPositiveDefinite),
+        }
+    }
+
+    fn append_sides<const C: usize>(&mut self, count: usize) -> Result<(), NotPositiveDefinite> {
+        let n = self.rows;
+        if n + count > ROWS {
+            return Err(NotPositiveDefinite);
+        }
+        let mut columns = [[0.0; C]; ROWS];
+        let columns = &mut columns[..n];
+        for side in 0..count {
+            let staged = &self.lower[start(n + side)..];
+            columns.iter_mut().zip(staged).for_each(|(x, staged)| x[side] = *staged);
+        }
+        self.forward_together(0, columns);
+        for side in 0..count {
+            let staged = &mut self.lower[start(n + side)..];
+            columns.iter().zip(staged).for_each(|(x, staged)| *staged = x[side]);
+        }
+        for _ in 0..count {
+            if self.finish(n).is_err() {
+                self.rows = n;
+                return Err(NotPositiveDefinite);
+            }
+        }
+        Ok(())
+    }
+
+    /// Appends the staged row, which is solved before column `solved`.
+    fn finish(&mut self, solved: usize) -> Result<(), NotPositiveDefinite> {
+        let n = self.rows;
         let (old, rest) = self.lower.split_at_mut(start(n));
         let row = &mut rest[..n + 1];
+        for k in solved..n {
+            let known = dot(&old[start(k)..start(k) + k], &row[..k]);
+            row[k] = (row[k] - known) * self.inverse_diagonal[k];
+        }
         let variance = row[n];
-        forward(old, &self.inverse_diagonal[..n], &mut row[..n]);
         let left = variance - dot(&row[..n], &row[..n]);
         // Below this the new number is rounding error, not information.
         if !(left > 1e-7 * variance && variance.is_finite()) {
@@ -149,12 +199,27 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
         forward(&self.lower, &self.inverse_diagonal[..n], &mut x[..n]);
     }
 
-    /// x ← L⁻¹ x where the numbers before `row` are zero, and stay so.
-    pub fn forward_from(&self, row: usize, x: &mut [f32]) {
-        for i in row..self.rows.min(x.len()) {
-            let (head, tail) = x.split_at_mut(i);
-            let known = dot(&self.lower[start(i) + row..start(i) + i], &head[row..]);
-            tail[0] = (tail[0] - known) * self.inverse_diagonal[i];
+    /// L⁻¹ of C right-hand sides in one pass over the factor. All are zero before row `first`, from
+    /// which on `x` holds them, one row of them after the other.
+    pub fn forward_together<const C: usize>(&self, first: usize, x: &mut [[f32; C]]) {
+        let n = self.rows.saturating_sub(first).min(x.len());
+        for i in (0..n).step_by(TOGETHER) {
+            let (done, todo) = x[..n].split_at_mut(i);
+            // Past the last row the last again.
+            let row = |r: usize| &self.lower[start(first + (i + r).min(n - 1)) + first..];
+            let rows: [&[f32]; TOGETHER] = core::array::from_fn(row);
+            let sums = products(rows.map(|row| &row[..done.len()]), done);
+            for r in 0..todo.len().min(TOGETHER) {
+                let (before, here) = todo.split_at_mut(r);
+                let scale = self.inverse_diagonal[first + i + r];
+                for c in 0..C {
+                    let mut rest = here[0][c] - sums[r][c];
+                    for (l, x) in rows[r][i..i + r].iter().zip(&*before) {
+                        rest -= l * x[c];
+                    }
+                    here[0][c] = rest * scale;
+                }
+            }
         }
     }
 
@@ -233,6 +298,25 @@ fn forward(lower: &[f32], inverse_diagonal: &[f32], x: &mut [f32]) {
     }
 }
 
+/// Rows of the factor worked on together, so that each x is loaded once for all of them.
+const TOGETHER: usize = 4;
+
+/// Σ lₖ xₖ for each row and each side.
+#[inline]
+fn products<const C: usize>(rows: [&[f32]; TOGETHER], x: &[[f32; C]]) -> [[f32; C]; TOGETHER] {
+    let mut sums = [[0.0f32; C]; TOGETHER];
+    let [l0, l1, l2, l3] = rows;
+    for ((((l0, l1), l2), l3), x) in l0.iter().zip(l1).zip(l2).zip(l3).zip(x) {
+        for c in 0..C {
+            sums[0][c] += l0 * x[c];
+            sums[1][c] += l1 * x[c];
+            sums[2][c] += l2 * x[c];
+            sums[3][c] += l3 * x[c];
+        }
+    }
+    sums
+}
+
 /// Scalar product in four interleaved sums: four multiplications in flight on a Cortex-M4F.
 #[inline]
 fn dot(a: &[f32], b: &[f32]) -> f32 {
@@ -251,100 +335,4 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-    use std::vec::Vec;
-
-    const N: usize = 13;
-    type Factor = Cholesky<N, { packed(N) }>;
-
-    /// A·Aᵀ + I of the first `n` rows of a random A.
-    fn matrix(a: &[[f32; N]], rows: &[usize]) -> Vec<Vec<f32>> {
-        rows.iter()
-            .map(|&i| {
-                rows.iter()
-                    .map(|&j| {
-                        let s: f32 = (0..N).map(|k| a[i][k] * a[j][k]).sum();
-                        s + f32::from(u8::from(i == j))
-                    })
-                    .collect()
-            })
-            .collect()
-    }
-
-    fn factor(m: &[Vec<f32>]) -> Factor {
-        let mut f = Factor::new();
-        for i in 0..m.len() {
-            f.stage(0).copy_from_slice(&m[i][..i + 1]);
-            assert_eq!(f.append(), Ok(()));
-        }
-        f
-    }
-
-    fn solve_error(f: &Factor, m: &[Vec<f32>]) -> f32 {
-        let mut x: Vec<f32> = (0..m.len()).map(|i| 1.0 - 0.3 * i as f32).collect();
-        let b = x.clone();
-        f.forward(&mut x);
-        f.backward(&mut x);
-        (0..m.len())
-            .map(|i| ((0..m.len()).map(|j| m[i][j] * x[j]).sum::<f32>() - b[i]).abs())
-            .fold(0.0, f32::max)
-    }
-
-    proptest! {
-        #[test]
-        fn appending_and_removing_solves(a in proptest::array::uniform13(proptest::array::uniform13(-1.0f32..1.0)), gone in 0usize..13) {
-            let mut rows: Vec<usize> = (0..N).collect();
-            let mut f = factor(&matrix(&a, &rows));
-            prop_assert!(solve_error(&f, &matrix(&a, &rows)) < 1e-3);
-            f.remove(gone);
-            rows.remove(gone);
-            let m = matrix(&a, &rows);
-            prop_assert!(solve_error(&f, &m) < 1e-3);
-            let fresh = factor(&m);
-            prop_assert!((f.half_log_determinant() - fresh.half_log_determinant()).abs() < 1e-3);
-            f.remove(99);
-            prop_assert_eq!(f.rows(), N - 1);
-        }
-    }
-
-    proptest! {
-        #[test]
-        fn downdating_takes_a_product_away(a in proptest::array::uniform13(proptest::array::uniform13(-1.0f32..1.0)), v in proptest::array::uniform13(-1.0f32..1.0)) {
-            let rows: Vec<usize> = (0..N).collect();
-            let m = matrix(&a, &rows);
-            let more: Vec<Vec<f32>> =
-                (0..N).map(|i| (0..N).map(|j| m[i][j] + v[i] * v[j]).collect()).collect();
-            let mut f = factor(&more);
-            f.downdate(&v[..N - 1]);
-            prop_assert!(solve_error(&f, &more) < 1e-3);
-            f.downdate(&v);
-            prop_assert!(solve_error(&f, &m) < 3e-3);
-            // More than there is: still a factor.
-            f.downdate(&[100.0; N]);
-            prop_assert!(f.half_log_determinant().is_finite());
-        }
-    }
-
-    #[test]
-    fn refuses_what_is_not_positive_definite() {
-        let mut f = Factor::new();
-        f.stage(0).copy_from_slice(&[2.0]);
-        assert_eq!(f.append(), Ok(()));
-        for bad in [[2.0, 2.0], [3.0, 1.0], [0.0, f32::NAN], [0.0, f32::INFINITY], [0.0, -1.0]] {
-            f.stage(0).copy_from_slice(&bad);
-            assert_eq!(f.append(), Err(NotPositiveDefinite));
-            assert_eq!(f.rows(), 1);
-        }
-    }
-
-    #[test]
-    fn a_full_factor_stages_nothing() {
-        let mut f = Cholesky::<1, 1>::new();
-        f.stage(0)[0] = 1.0;
-        assert_eq!(f.append(), Ok(()));
-        assert!(f.stage(0).is_empty());
-        assert_eq!(f.append(), Err(NotPositiveDefinite));
-    }
-}
+mod tests;

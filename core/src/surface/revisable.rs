@@ -67,9 +67,9 @@ pub trait Revisable<S: Space>: Map<S> {
     /// (K + Σ + J P Jᵀ)⁻¹ (y − m) of every row, since the last refit.
     fn weights(&self) -> &[f32];
 
-    /// x ← L⁻¹ x with L the Cholesky factor of the observations' covariance; numbers before `row`
-    /// are zero.
-    fn whiten(&self, row: usize, x: &mut [f32]);
+    /// x ← L⁻¹ x for C vectors, with L the Cholesky factor of the observations' covariance. They are
+    /// zero before row `first`, from which on `x` holds their numbers, row by row.
+    fn whiten<const C: usize>(&self, first: usize, x: &mut [[f32; C]]);
 
     /// The block of (K + Σ + J P Jᵀ)⁻¹ of `count` rows from `first` on, at most `N`; `None` where those
     /// rows do not exist.

@@ -80,7 +80,7 @@ impl Cholesky {
         for i in 0..n {
             *half.at(i, i) = 1.0;
         }
-        run(Forward { factor: self, sides: &mut half, identity: true });
+        run(Forward { factor: self, sides: &mut half, count: n, identity: true });
         let mut inverse = Lower::zeros(n);
         run(Gram { half: &half, to: &mut inverse });
         inverse
@@ -132,7 +132,7 @@ impl Work for Factor {
                 let mut rest = &mut *ours;
                 for i in group..end {
                     let (panel, after) = rest.split_at_mut(offset(i + 1) - offset(i));
-                    eliminate(s, panel, factor, diagonal, 0, j * WIDTH);
+                    eliminate(s, panel, factor, diagonal, (0, j * WIDTH), WIDTH);
                     rest = after;
                 }
             }
@@ -143,7 +143,7 @@ impl Work for Factor {
                 for j in group..i {
                     let factor = &done[offset(j) - offset(group)..offset(j + 1) - offset(group)];
                     let diagonal = &reciprocals[j * WIDTH..(j + 1) * WIDTH];
-                    eliminate(s, panel, factor, diagonal, 0, j * WIDTH);
+                    eliminate(s, panel, factor, diagonal, (0, j * WIDTH), WIDTH);
                 }
                 let here = i * WIDTH..(i + 1) * WIDTH;
                 finish(s, panel, &mut reciprocals[here.clone()], &least[here], i * WIDTH)
@@ -231,11 +231,11 @@ mod tests {
                         *sides.at(side, k) = ((side + 5 * k) as f64).sin();
                     }
                 }
-                run_with(most, Forward { factor: &ours, sides: &mut sides, identity: false });
+                run_with(most, Forward { factor: &ours, sides: &mut sides, count: 30, identity: false });
                 let mut inverse = Lower::zeros(n);
                 let mut half = Sides::zeros(n, n);
                 (0..n).for_each(|i| *half.at(i, i) = 1.0);
-                run_with(most, Forward { factor: &ours, sides: &mut half, identity: true });
+                run_with(most, Forward { factor: &ours, sides: &mut half, count: n, identity: true });
                 run_with(most, Gram { half: &half, to: &mut inverse });
                 x.extend(&*sides.panels);
                 x.extend((0..n).flat_map(|j| (j..n).map(move |i| (i, j))).map(|(i, j)| inverse.get(i, j)));

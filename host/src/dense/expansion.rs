@@ -1,4 +1,4 @@
-//! Covariances between parts of a field at many points, and sums of them.
+//! Covariances between parts of a field at many points.
 //!
 //! A field is observed through linear functionals: its value or its derivative along an axis at a
 //! point. Those at one point form a *site* and share one evaluation of the kernel.
@@ -8,6 +8,7 @@ use super::panel::WIDTH;
 use super::radial::{Of, radials};
 use super::sides::Sides;
 use super::simd::{Simd, Work, run};
+use super::sum::Weighted;
 use crate::reference::Kernel;
 use crate::space::Point;
 
@@ -66,21 +67,15 @@ impl Sites {
         self.rows.len()
     }
 
-    /// The rows' weights, site by site: Σ wᵢ·cov(rowᵢ, ·) is what [`values`] and [`gradients`] sum.
-    pub fn weighted(&self, weights: &[f64]) -> Vec<Functional> {
+    /// The rows' weights, site by site: what Σ wᵢ·cov(rowᵢ, ·) is summed with.
+    pub fn weighted(&self, weights: &[f64]) -> Weighted {
         let weight = |row: usize| weights.get(row).copied().unwrap_or(0.0);
-        self.sites
-            .iter()
-            .map(|site| Functional {
-                point: site.point,
-                value: weight(site.rows[0]),
-                slopes: Point::new(
-                    weight(site.rows[1]),
-                    weight(site.rows[2]),
-                    weight(site.rows[3]),
-                ),
-            })
-            .collect()
+        let of = |site: &Site| Functional {
+            point: site.point,
+            value: weight(site.rows[0]),
+            slopes: Point::new(weight(site.rows[1]), weight(site.rows[2]), weight(site.rows[3])),
+        };
+        self.sites.iter().map(of).collect()
     }
 
     /// Covariance among the rows, noise-free.
@@ -124,13 +119,13 @@ struct Cross<'a> {
 }
 
 /// Vectors of points evaluated side by side.
-const ABREAST: usize = 3;
+pub(super) const ABREAST: usize = 3;
 
 impl Work for Cross<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with<S: Simd>(self, s: S) {
+    fn with<S: Simd>(mut self, s: S) {
         let mut lanes = [[0.0; WIDTH]; 7];
         for (r, o) in self.others.iter().enumerate() {
             let parts =
@@ -141,59 +136,80 @@ impl Work for Cross<'_> {
         }
         let sloped = |f: &Functional| f.slopes != Point::zeros();
         let plain = !self.others.iter().any(sloped) && !self.sites.rows.iter().any(sloped);
+        let mut row = 0;
+        while row < self.others.len() {
+            row += match (self.others.len() - row).div_ceil(S::LANES) {
+                1 => self.abreast::<S, 1>(s, &lanes, row, plain),
+                2 => self.abreast::<S, 2>(s, &lanes, row, plain),
+                _ => self.abreast::<S, ABREAST>(s, &lanes, row, plain),
+            };
+        }
+    }
+}
+
+impl Cross<'_> {
+    /// The covariances of G vectors of others from `row`; `plain` where no slope is among them.
+    /// Returns how many others those are.
+    #[inline(always)]
+    fn abreast<S: Simd, const G: usize>(
+        &mut self,
+        s: S,
+        lanes: &[[f64; WIDTH]; 7],
+        row: usize,
+        plain: bool,
+    ) -> usize {
         let columns = self.to.len() / WIDTH;
-        for row in (0..WIDTH).step_by(ABREAST * S::LANES) {
-            let of = lanes.each_ref().map(|lane| {
-                let mut vectors = [s.splat(0.0); ABREAST];
-                for g in 0..ABREAST {
-                    vectors[g] = s.load(&lane[row + g * S::LANES..]);
+        let of = lanes.each_ref().map(|lane| {
+            let mut vectors = [s.splat(0.0); G];
+            for g in 0..G {
+                vectors[g] = s.load(&lane[row + g * S::LANES..]);
+            }
+            vectors
+        });
+        if plain {
+            for (k, site) in self.sites.sites.iter().enumerate().take(columns) {
+                let e = apart::<S, G>(s, &of[0], &of[1], &of[2], &site.point);
+                let k_e = radials(s, self.kernel, self.of, squares(s, &e));
+                for g in 0..G {
+                    s.store(k_e[g].value, &mut self.to[k * WIDTH + row + g * S::LANES..]);
                 }
-                vectors
-            });
-            if plain {
-                for (k, site) in self.sites.sites.iter().enumerate().take(columns) {
-                    let e = apart::<S, ABREAST>(s, &of[0], &of[1], &of[2], &site.point);
-                    let k_e = radials(s, self.kernel, self.of, squares(s, &e));
-                    for g in 0..ABREAST {
-                        s.store(k_e[g].value, &mut self.to[k * WIDTH + row + g * S::LANES..]);
-                    }
-                }
+            }
+            return G * S::LANES;
+        }
+        for site in &self.sites.sites {
+            if site.rows.iter().all(|k| *k >= columns) {
                 continue;
             }
-            for site in &self.sites.sites {
-                if site.rows.iter().all(|k| *k >= columns) {
-                    continue;
+            let e = apart::<S, G>(s, &of[0], &of[1], &of[2], &site.point);
+            let k_e = radials(s, self.kernel, self.of, squares(s, &e));
+            for g in 0..G {
+                let (k, [x, y, z]) = (k_e[g], e[g]);
+                let along = s.mul_add(of[6][g], z, s.mul_add(of[5][g], y, s.mul(of[4][g], x)));
+                let at = row + g * S::LANES;
+                if site.rows[0] < columns {
+                    let value = s.mul_add(k.slope, along, s.mul(k.value, of[3][g]));
+                    s.store(value, &mut self.to[site.rows[0] * WIDTH + at..]);
                 }
-                let e = apart::<S, ABREAST>(s, &of[0], &of[1], &of[2], &site.point);
-                let k_e = radials(s, self.kernel, self.of, squares(s, &e));
-                for g in 0..ABREAST {
-                    let (k, [x, y, z]) = (k_e[g], e[g]);
-                    let along = s.mul_add(of[6][g], z, s.mul_add(of[5][g], y, s.mul(of[4][g], x)));
-                    let at = row + g * S::LANES;
-                    if site.rows[0] < columns {
-                        let value = s.mul_add(k.slope, along, s.mul(k.value, of[3][g]));
-                        s.store(value, &mut self.to[site.rows[0] * WIDTH + at..]);
-                    }
-                    // −(a·slope + bend·(g·e))·eᵢ − slope·gᵢ.
-                    let common = s.mul_add(k.bend, along, s.mul(k.slope, of[3][g]));
-                    for axis in 0..3 {
-                        let column = site.rows[1 + axis];
-                        if column < columns {
-                            let own = s.mul(k.slope, of[4 + axis][g]);
-                            let sum = s.mul_add(common, [x, y, z][axis], own);
-                            let value = s.sub(s.splat(0.0), sum);
-                            s.store(value, &mut self.to[column * WIDTH + at..]);
-                        }
+                // −(a·slope + bend·(g·e))·eᵢ − slope·gᵢ.
+                let common = s.mul_add(k.bend, along, s.mul(k.slope, of[3][g]));
+                for axis in 0..3 {
+                    let column = site.rows[1 + axis];
+                    if column < columns {
+                        let own = s.mul(k.slope, of[4 + axis][g]);
+                        let sum = s.mul_add(common, [x, y, z][axis], own);
+                        let value = s.sub(s.splat(0.0), sum);
+                        s.store(value, &mut self.to[column * WIDTH + at..]);
                     }
                 }
             }
         }
+        G * S::LANES
     }
 }
 
 /// Points minus a point.
 #[inline(always)]
-fn apart<S: Simd, const G: usize>(
+pub(super) fn apart<S: Simd, const G: usize>(
     s: S,
     x: &[S::Vector; G],
     y: &[S::Vector; G],
@@ -212,125 +228,11 @@ fn apart<S: Simd, const G: usize>(
 }
 
 #[inline(always)]
-fn squares<S: Simd, const G: usize>(s: S, e: &[[S::Vector; 3]; G]) -> [S::Vector; G] {
+pub(super) fn squares<S: Simd, const G: usize>(s: S, e: &[[S::Vector; 3]; G]) -> [S::Vector; G] {
     let mut sums = [s.splat(0.0); G];
     for g in 0..G {
         let [x, y, z] = e[g];
         sums[g] = s.mul_add(z, z, s.mul_add(y, y, s.mul(x, x)));
     }
     sums
-}
-
-/// Σ wᵢ cov(rowᵢ, f(p)) at each point.
-pub fn values(kernel: &Kernel, weighted: &[Functional], points: &[Point]) -> Vec<f64> {
-    let mut values = vec![0.0; points.len()];
-    if weighted.iter().all(|w| w.slopes == Point::zeros()) {
-        run(Sum::<false, false> {
-            kernel,
-            weighted,
-            points,
-            values: &mut values,
-            gradients: &mut [],
-        });
-    } else {
-        run(Sum::<true, false> {
-            kernel,
-            weighted,
-            points,
-            values: &mut values,
-            gradients: &mut [],
-        });
-    }
-    values
-}
-
-/// Σ wᵢ cov(rowᵢ, f(p)) at each point, and its gradient.
-pub fn gradients(
-    kernel: &Kernel,
-    weighted: &[Functional],
-    points: &[Point],
-) -> (Vec<f64>, Vec<Point>) {
-    let mut values = vec![0.0; points.len()];
-    let mut gradients = vec![Point::zeros(); points.len()];
-    let (to, slopes) = (&mut values, &mut gradients);
-    if weighted.iter().all(|w| w.slopes == Point::zeros()) {
-        run(Sum::<false, true> { kernel, weighted, points, values: to, gradients: slopes });
-    } else {
-        run(Sum::<true, true> { kernel, weighted, points, values: to, gradients: slopes });
-    }
-    (values, gradients)
-}
-
-/// `SLOPED`: whether any weight is on a slope. `GRADIENT`: whether gradients are asked for.
-struct Sum<'a, const SLOPED: bool, const GRADIENT: bool> {
-    kernel: &'a Kernel,
-    weighted: &'a [Functional],
-    points: &'a [Point],
-    values: &'a mut [f64],
-    gradients: &'a mut [Point],
-}
-
-/// Points of one pass: ABREAST vectors of the widest kind.
-const PASS: usize = 8 * ABREAST;
-
-impl<const SLOPED: bool, const GRADIENT: bool> Work for Sum<'_, SLOPED, GRADIENT> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with<S: Simd>(self, s: S) {
-        let pass = ABREAST * S::LANES;
-        for (number, points) in self.points.chunks(pass).enumerate() {
-            let mut lanes = [[0.0; PASS]; 3];
-            for (r, p) in points.iter().enumerate() {
-                (lanes[0][r], lanes[1][r], lanes[2][r]) = (p.x, p.y, p.z);
-            }
-            let at = lanes.each_ref().map(|lane| {
-                let mut vectors = [s.splat(0.0); ABREAST];
-                for g in 0..ABREAST {
-                    vectors[g] = s.load(&lane[g * S::LANES..]);
-                }
-                vectors
-            });
-            let mut value = [s.splat(0.0); ABREAST];
-            let mut gradient = [[s.splat(0.0); 3]; ABREAST];
-            for w in self.weighted {
-                let e = apart::<S, ABREAST>(s, &at[0], &at[1], &at[2], &w.point);
-                let k = radials(s, self.kernel, Of::Kernel, squares(s, &e));
-                let weight = s.splat(w.value);
-                let slopes = [s.splat(w.slopes.x), s.splat(w.slopes.y), s.splat(w.slopes.z)];
-                for g in 0..ABREAST {
-                    value[g] = s.mul_add(k[g].value, weight, value[g]);
-                    let mut common = s.mul(k[g].slope, weight);
-                    if SLOPED {
-                        let [x, y, z] = e[g];
-                        let along = s.mul(x, slopes[0]);
-                        let along = s.mul_add(z, slopes[2], s.mul_add(y, slopes[1], along));
-                        value[g] = s.mul_sub(k[g].slope, along, value[g]);
-                        common = s.mul_sub(k[g].bend, along, common);
-                    }
-                    if GRADIENT {
-                        for axis in 0..3 {
-                            let sum = s.mul_add(common, e[g][axis], gradient[g][axis]);
-                            gradient[g][axis] =
-                                if SLOPED { s.mul_sub(k[g].slope, slopes[axis], sum) } else { sum };
-                        }
-                    }
-                }
-            }
-            let mut lanes = [[0.0; PASS]; 4];
-            for g in 0..ABREAST {
-                s.store(value[g], &mut lanes[0][g * S::LANES..]);
-                for axis in 0..3 {
-                    s.store(gradient[g][axis], &mut lanes[1 + axis][g * S::LANES..]);
-                }
-            }
-            for r in 0..points.len() {
-                self.values[number * pass + r] = lanes[0][r];
-                if GRADIENT {
-                    let gradient = Point::new(lanes[1][r], lanes[2][r], lanes[3][r]);
-                    self.gradients[number * pass + r] = gradient;
-                }
-            }
-        }
-    }
 }

@@ -17,7 +17,9 @@ mod radial;
 mod sides;
 pub(crate) mod simd;
 mod substitute;
+mod sum;
 
 pub use cholesky::Cholesky;
 pub use expansion::{Functional, Sites};
 pub use lower::Lower;
+pub use sum::Weighted;

@@ -20,20 +20,21 @@ pub(super) fn offset(number: usize) -> usize {
 
 /// Given rows x with x Lᵀ = b solved before column `first`, solves the WIDTH columns from there:
 /// `rows` holds x there and b from there on, `factor` is the panel of L with those columns on its
-/// diagonal, `reciprocals` one over that diagonal. x is known to be zero before column `from`.
+/// diagonal, `reciprocals` one over that diagonal. x is known to be zero before column `from`; only
+/// the first `width` rows matter.
 #[inline(always)]
 pub(super) fn eliminate<S: Simd>(
     s: S,
     rows: &mut [f64],
     factor: &[f64],
     reciprocals: &[f64],
-    from: usize,
-    first: usize,
+    (from, first): (usize, usize),
+    width: usize,
 ) {
     if S::LANES == 8 {
-        eliminate_by::<S, 8>(s, rows, factor, reciprocals, from, first);
+        eliminate_by::<S, 8>(s, rows, factor, reciprocals, (from, first), width);
     } else {
-        eliminate_by::<S, 4>(s, rows, factor, reciprocals, from, first);
+        eliminate_by::<S, 4>(s, rows, factor, reciprocals, (from, first), width);
     }
 }
 
@@ -43,8 +44,8 @@ fn eliminate_by<S: Simd, const C: usize>(
     rows: &mut [f64],
     factor: &[f64],
     reciprocals: &[f64],
-    from: usize,
-    first: usize,
+    (from, first): (usize, usize),
+    width: usize,
 ) {
     for chunk in 0..WIDTH / C {
         let column = first + chunk * C;
@@ -52,12 +53,42 @@ fn eliminate_by<S: Simd, const C: usize>(
         let (done, known) = (&done[from * WIDTH..], &factor[from * WIDTH..column * WIDTH]);
         let corner = &factor[column * WIDTH..(column + C) * WIDTH];
         let reciprocals = &reciprocals[chunk * C..(chunk + 1) * C];
-        for row in (0..WIDTH).step_by(3 * S::LANES) {
-            let mut tile = load::<S, C>(s, rest, row);
-            subtract::<S, C>(s, &mut tile, done, row, known, chunk * C);
-            substitute::<S, C>(s, &mut tile, corner, chunk * C, reciprocals);
-            store::<S, C>(s, &tile, rest, row);
+        let chunk = Chunk { done, known, corner, top: chunk * C, reciprocals };
+        let mut row = 0;
+        while row < width {
+            row += match (width - row).div_ceil(S::LANES) {
+                1 => chunk.eliminate::<S, C, 1>(s, rest, row),
+                2 => chunk.eliminate::<S, C, 2>(s, rest, row),
+                _ => chunk.eliminate::<S, C, 3>(s, rest, row),
+            };
         }
+    }
+}
+
+/// Columns solved together: the rows' columns before them, the factor's, their block on the diagonal,
+/// where it starts, and one over its diagonal.
+struct Chunk<'a> {
+    done: &'a [f64],
+    known: &'a [f64],
+    corner: &'a [f64],
+    top: usize,
+    reciprocals: &'a [f64],
+}
+
+impl Chunk<'_> {
+    /// Solves them for V vectors of rows from `row`. Returns how many rows those are.
+    #[inline(always)]
+    fn eliminate<S: Simd, const C: usize, const V: usize>(
+        &self,
+        s: S,
+        rows: &mut [f64],
+        row: usize,
+    ) -> usize {
+        let mut tile = load::<S, C, V>(s, rows, row);
+        subtract(s, &mut tile, self.done, row, self.known, self.top);
+        substitute(s, &mut tile, self.corner, self.top, self.reciprocals);
+        store(s, &tile, rows, row);
+        V * S::LANES
     }
 }
 
@@ -94,9 +125,9 @@ fn finish_by<S: Simd, const C: usize>(
         let column = first + top;
         let (done, rest) = panel.split_at_mut(column * WIDTH);
         for row in (0..WIDTH).step_by(3 * S::LANES) {
-            let mut tile = load::<S, C>(s, rest, row);
-            subtract::<S, C>(s, &mut tile, done, row, done, top);
-            store::<S, C>(s, &tile, rest, row);
+            let mut tile = load::<S, C, 3>(s, rest, row);
+            subtract(s, &mut tile, done, row, done, top);
+            store(s, &tile, rest, row);
         }
         let mut corner = [0.0; 8 * WIDTH];
         for j in 0..C {
@@ -117,9 +148,9 @@ fn finish_by<S: Simd, const C: usize>(
         }
         // The rows of the block are in `corner` now; those above it are above the diagonal.
         for row in (0..WIDTH).step_by(3 * S::LANES) {
-            let mut tile = load::<S, C>(s, rest, row);
-            substitute::<S, C>(s, &mut tile, &corner, top, &reciprocals[top..top + C]);
-            store::<S, C>(s, &tile, rest, row);
+            let mut tile = load::<S, C, 3>(s, rest, row);
+            substitute(s, &mut tile, &corner, top, &reciprocals[top..top + C]);
+            store(s, &tile, rest, row);
         }
         for j in 0..C {
             rest[j * WIDTH..j * WIDTH + top].fill(0.0);
@@ -130,15 +161,19 @@ fn finish_by<S: Simd, const C: usize>(
     Ok(())
 }
 
-/// C columns of 3·LANES rows.
-pub(super) type Tile<S, const C: usize> = [[<S as Simd>::Vector; 3]; C];
+/// C columns of V vectors of rows.
+pub(super) type Tile<S, const C: usize, const V: usize> = [[<S as Simd>::Vector; V]; C];
 
 #[inline(always)]
-pub(super) fn load<S: Simd, const C: usize>(s: S, from: &[f64], row: usize) -> Tile<S, C> {
-    let mut tile = [[s.splat(0.0); 3]; C];
+pub(super) fn load<S: Simd, const C: usize, const V: usize>(
+    s: S,
+    from: &[f64],
+    row: usize,
+) -> Tile<S, C, V> {
+    let mut tile = [[s.splat(0.0); V]; C];
     for j in 0..C {
-        let column = &from[j * WIDTH + row..j * WIDTH + row + 3 * S::LANES];
-        for v in 0..3 {
+        let column = &from[j * WIDTH + row..j * WIDTH + row + V * S::LANES];
+        for v in 0..V {
             tile[j][v] = s.load(&column[v * S::LANES..]);
         }
     }
@@ -146,10 +181,15 @@ pub(super) fn load<S: Simd, const C: usize>(s: S, from: &[f64], row: usize) -> T
 }
 
 #[inline(always)]
-pub(super) fn store<S: Simd, const C: usize>(s: S, tile: &Tile<S, C>, to: &mut [f64], row: usize) {
+pub(super) fn store<S: Simd, const C: usize, const V: usize>(
+    s: S,
+    tile: &Tile<S, C, V>,
+    to: &mut [f64],
+    row: usize,
+) {
     for j in 0..C {
-        let column = &mut to[j * WIDTH + row..j * WIDTH + row + 3 * S::LANES];
-        for v in 0..3 {
+        let column = &mut to[j * WIDTH + row..j * WIDTH + row + V * S::LANES];
+        for v in 0..V {
             s.store(tile[j][v], &mut column[v * S::LANES..]);
         }
     }
@@ -157,9 +197,9 @@ pub(super) fn store<S: Simd, const C: usize>(s: S, tile: &Tile<S, C>, to: &mut [
 
 /// tile − X Yᵀ for rows of X from `row` and rows of Y from `column`.
 #[inline(always)]
-pub(super) fn subtract<S: Simd, const C: usize>(
+pub(super) fn subtract<S: Simd, const C: usize, const V: usize>(
     s: S,
-    tile: &mut Tile<S, C>,
+    tile: &mut Tile<S, C, V>,
     x: &[f64],
     row: usize,
     y: &[f64],
@@ -167,12 +207,15 @@ pub(super) fn subtract<S: Simd, const C: usize>(
 ) {
     let mut sum = *tile;
     for (x, y) in x.as_chunks::<WIDTH>().0.iter().zip(y.as_chunks::<WIDTH>().0) {
-        let x = &x[row..row + 3 * S::LANES];
+        let x = &x[row..row + V * S::LANES];
         let y = &y[column..column + C];
-        let a = [s.load(x), s.load(&x[S::LANES..]), s.load(&x[2 * S::LANES..])];
+        let mut a = [s.splat(0.0); V];
+        for v in 0..V {
+            a[v] = s.load(&x[v * S::LANES..]);
+        }
         for j in 0..C {
             let b = s.splat(y[j]);
-            for v in 0..3 {
+            for v in 0..V {
                 sum[j][v] = s.mul_sub(a[v], b, sum[j][v]);
             }
         }
@@ -182,9 +225,9 @@ pub(super) fn subtract<S: Simd, const C: usize>(
 
 /// Solves x Lᵀ = tile for a block L on the diagonal whose rows start at `top` of `corner`.
 #[inline(always)]
-fn substitute<S: Simd, const C: usize>(
+fn substitute<S: Simd, const C: usize, const V: usize>(
     s: S,
-    tile: &mut Tile<S, C>,
+    tile: &mut Tile<S, C, V>,
     corner: &[f64],
     top: usize,
     reciprocals: &[f64],
@@ -192,12 +235,12 @@ fn substitute<S: Simd, const C: usize>(
     let mut x = *tile;
     for j in 0..C {
         let below = &corner[j * WIDTH + top..j * WIDTH + top + C];
-        for v in 0..3 {
+        for v in 0..V {
             x[j][v] = s.mul(x[j][v], s.splat(reciprocals[j]));
         }
         for i in j + 1..C {
             let scale = s.splat(below[i]);
-            for v in 0..3 {
+            for v in 0..V {
                 x[i][v] = s.mul_sub(x[j][v], scale, x[i][v]);
             }
         }
@@ -221,13 +264,13 @@ fn product_by<S: Simd, const C: usize>(s: S, x: &[f64], y: &[f64], from: usize, 
     for column in (0..WIDTH).step_by(C) {
         for row in (0..WIDTH).step_by(3 * S::LANES) {
             let mut tile = [[s.splat(0.0); 3]; C];
-            subtract::<S, C>(s, &mut tile, x, row, y, column);
+            subtract(s, &mut tile, x, row, y, column);
             for j in 0..C {
                 for v in 0..3 {
                     tile[j][v] = s.sub(s.splat(0.0), tile[j][v]);
                 }
             }
-            store::<S, C>(s, &tile, &mut to[column * WIDTH..], row);
+            store(s, &tile, &mut to[column * WIDTH..], row);
         }
     }
 }

@@ -26,6 +26,8 @@ pub(crate) trait Simd: Copy {
     fn mul_add(self, a: Self::Vector, b: Self::Vector, c: Self::Vector) -> Self::Vector;
     /// c − a·b.
     fn mul_sub(self, a: Self::Vector, b: Self::Vector, c: Self::Vector) -> Self::Vector;
+    /// a·b + c for a single number: the bits of [`mul_add`](Simd::mul_add).
+    fn one_mul_add(self, a: f64, b: f64, c: f64) -> f64;
     /// a / b.
     fn div(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
     /// √a.
@@ -137,6 +139,11 @@ impl Simd for Portable {
     }
 
     #[inline(always)]
+    fn one_mul_add(self, a: f64, b: f64, c: f64) -> f64 {
+        a * b + c
+    }
+
+    #[inline(always)]
     fn div(self, a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
         [a[0] / b[0], a[1] / b[1]]
     }
@@ -234,6 +241,11 @@ mod x86 {
         }
 
         #[inline(always)]
+        fn one_mul_add(self, a: f64, b: f64, c: f64) -> f64 {
+            a.mul_add(b, c)
+        }
+
+        #[inline(always)]
         fn div(self, a: __m512d, b: __m512d) -> __m512d {
             unsafe { _mm512_div_pd(a, b) }
         }
@@ -305,6 +317,11 @@ mod x86 {
         #[inline(always)]
         fn mul_sub(self, a: __m256d, b: __m256d, c: __m256d) -> __m256d {
             unsafe { _mm256_fnmadd_pd(a, b, c) }
+        }
+
+        #[inline(always)]
+        fn one_mul_add(self, a: f64, b: f64, c: f64) -> f64 {
+            a.mul_add(b, c)
         }
 
         #[inline(always)]

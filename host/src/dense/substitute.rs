@@ -7,28 +7,24 @@ use super::simd::{Simd, Work, run};
 
 /// L⁻¹ b for the first `count` sides: the same bits for a side, however many there are.
 pub(super) fn forward(factor: &Cholesky, sides: &mut Sides, count: usize) {
-    if count > FEW {
-        return run(Forward { factor, sides, identity: false });
-    }
-    let mut first = 0;
-    while first < count {
-        let panel = &mut sides.panels;
-        if count - first == 1 {
-            run(ForwardFew::<1> { factor, panel, first });
-        } else {
-            run(ForwardFew::<4> { factor, panel, first });
-        }
-        first += 4;
+    let panel = &mut sides.panels;
+    match count {
+        0 => {}
+        1 => run(ForwardFew::<1> { factor, panel, first: 0 }),
+        2..=FEW => run(ForwardFew::<FEW> { factor, panel, first: 0 }),
+        _ => run(Forward { factor, sides, count, identity: false }),
     }
 }
 
-/// Up to so many sides are solved four by four, more of them panel by panel.
-const FEW: usize = 8;
+/// Up to so many sides are solved with rows of the factor side by side in vectors, more of them with
+/// sides in vectors.
+const FEW: usize = 4;
 
-/// L⁻¹ b for every side, as many of them side by side in vectors as there are.
+/// L⁻¹ b for the first `count` sides, as many of them side by side in vectors as there are.
 pub(super) struct Forward<'a> {
     pub factor: &'a Cholesky,
     pub sides: &'a mut Sides,
+    pub count: usize,
     /// Whether the sides are the columns of the identity, zero before their own number.
     pub identity: bool,
 }
@@ -48,8 +44,9 @@ impl Work for Forward<'_> {
             for j in start..factor.rows.div_ceil(WIDTH) {
                 let panel = &factor.panels[offset(j)..offset(j + 1)];
                 let diagonal = &reciprocals[j * WIDTH..(j + 1) * WIDTH];
-                for rows in group.chunks_exact_mut(stride) {
-                    eliminate(s, rows, panel, diagonal, start * WIDTH, j * WIDTH);
+                for (first, rows) in (number * GROUP..).zip(group.chunks_exact_mut(stride)) {
+                    let width = self.count.saturating_sub(first * WIDTH).min(WIDTH);
+                    eliminate(s, rows, panel, diagonal, (start * WIDTH, j * WIDTH), width);
                 }
             }
         }
@@ -81,30 +78,33 @@ impl<const C: usize> Work for ForwardFew<'_, C> {
             }
             let x = x.as_flattened_mut();
             for row in (0..WIDTH).step_by(3 * S::LANES) {
-                let mut tile = load::<S, C>(s, x, row);
-                subtract::<S, C>(s, &mut tile, known, row, done, self.first);
-                store::<S, C>(s, &tile, x, row);
+                let mut tile = load::<S, C, 3>(s, x, row);
+                subtract(s, &mut tile, known, row, done, self.first);
+                store(s, &tile, x, row);
             }
-            for (x, j) in x.chunks_exact_mut(WIDTH).zip(self.first..) {
-                let reciprocals = &reciprocals[i * WIDTH..(i + 1) * WIDTH];
-                within(s, x, corner, reciprocals);
+            within::<S, C>(s, x, corner, &reciprocals[i * WIDTH..(i + 1) * WIDTH]);
+            for (x, j) in x.as_chunks::<WIDTH>().0.iter().zip(self.first..) {
                 (0..WIDTH).for_each(|r| here[r * WIDTH + j] = x[r]);
             }
         }
     }
 }
 
-/// Solves L x = b in place for a block L on the diagonal, a column at a time.
+/// Solves L x = b in place for a block L on the diagonal, a column at a time, for C sides one after
+/// the other: none waits for its own last column alone.
 #[inline(always)]
-fn within<S: Simd>(s: S, x: &mut [f64], block: &[f64], reciprocals: &[f64]) {
+fn within<S: Simd, const C: usize>(s: S, x: &mut [f64], block: &[f64], reciprocals: &[f64]) {
+    let sides = x.as_chunks_mut::<WIDTH>().0;
     for (k, column) in block.as_chunks::<WIDTH>().0.iter().enumerate() {
-        let found = x[k] * reciprocals[k];
-        // The block is zero in the rows above.
-        for v in (k / S::LANES * S::LANES..WIDTH).step_by(S::LANES) {
-            let rest = s.mul_sub(s.splat(found), s.load(&column[v..]), s.load(&x[v..]));
-            s.store(rest, &mut x[v..]);
+        for x in sides.iter_mut().take(C) {
+            let found = x[k] * reciprocals[k];
+            // The block is zero in the rows above.
+            for v in (k / S::LANES * S::LANES..WIDTH).step_by(S::LANES) {
+                let rest = s.mul_sub(s.splat(found), s.load(&column[v..]), s.load(&x[v..]));
+                s.store(rest, &mut x[v..]);
+            }
+            x[k] = found;
         }
-        x[k] = found;
     }
 }
 
@@ -196,7 +196,17 @@ mod tests {
             }
             for most in [Instructions::Portable, Instructions::Avx2, Instructions::Avx512] {
                 let mut all = asked.clone();
-                run_with(most, Forward { factor: &factor, sides: &mut all, identity: false });
+                let every =
+                    Forward { factor: &factor, sides: &mut all, count: WIDTH, identity: false };
+                run_with(most, every);
+                for count in 1..WIDTH {
+                    let mut few = asked.clone();
+                    let sides = &mut few;
+                    run_with(most, Forward { factor: &factor, sides, count, identity: false });
+                    for (side, k) in (0..count).flat_map(|s| (0..n).map(move |k| (s, k))) {
+                        prop_assert_eq!(few.at(side, k).to_bits(), all.at(side, k).to_bits());
+                    }
+                }
                 for first in 0..WIDTH - 4 {
                     let mut few = asked.clone();
                     let panel = &mut few.panels;

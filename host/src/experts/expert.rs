@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::pyramid::Stamped;
 use super::site::Observation;
-use crate::dense::{Cholesky, Functional, Sites, expansion};
+use crate::dense::{Cholesky, Functional, Sites, Weighted};
 use crate::reference::Kernel;
 use crate::space::Point;
 
@@ -26,7 +26,7 @@ pub struct Expert {
     /// Variance of each row, beside the field's own.
     noise: Vec<f64>,
     /// K⁻¹ y, site by site.
-    weighted: Vec<Functional>,
+    weighted: Weighted,
 }
 
 impl Expert {
@@ -58,7 +58,7 @@ impl Expert {
             }
         }
         let targets = DVector::from_vec(targets);
-        let mut expert = Expert { kernel, sources, sites, noise, weighted: Vec::new() };
+        let mut expert = Expert { kernel, sources, sites, noise, weighted: Weighted::default() };
         for floor in FLOORS {
             expert.noise.iter_mut().zip(&own).for_each(|(v, own)| *v = v.max(floor * own));
             let Some(factor) = expert.try_factor() else { continue };
@@ -94,12 +94,12 @@ impl Expert {
 
     /// Posterior mean of the residual at each point, metres.
     pub fn means(&self, points: &[Point]) -> Vec<f64> {
-        expansion::values(&self.kernel, &self.weighted, points)
+        self.weighted.values(&self.kernel, points)
     }
 
     /// Posterior mean of the residual, metres, and its gradient at each point.
     pub fn means_and_gradients(&self, points: &[Point]) -> Vec<(f64, Point)> {
-        let (means, gradients) = expansion::gradients(&self.kernel, &self.weighted, points);
+        let (means, gradients) = self.weighted.gradients(&self.kernel, points);
         means.into_iter().zip(gradients).collect()
     }
 

@@ -113,7 +113,7 @@ pub const SENSING: &str = "spatial-sensing";
 pub const GAUGES: &str = "spatial-gauges";
 
 /// The images that print what the core costs, of trackers and of sensors: for the AN386 only.
-pub const BENCHES: [&str; 2] = ["bench", "bench-sensing"];
+pub const BENCHES: [&str; 3] = ["bench", "bench-map", "bench-sensing"];
 
 /// The image without sensors that follows objects so in this many dimensions; `None` where there is
 /// none.

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 
 use super::{Contact, Kernel, Mean, Normalisation};
-use crate::dense::{Cholesky, Functional, Lower, Sites};
+use crate::dense::{Cholesky, Lower, Sites, Weighted};
 use crate::space::Point;
 
 pub(super) use observe::Observation;
@@ -76,7 +76,7 @@ pub struct Gpis {
     pub(super) observations: Vec<Observation>,
     pub(super) sites: Sites,
     /// K⁻¹ y, site by site.
-    weighted: Vec<Functional>,
+    weighted: Weighted,
     /// The mean's modes at the rows of the covariance matrix, one a column.
     pub(super) modes: DMatrix<f64>,
     /// What the contacts make of each mode, in its standard deviations.

@@ -19,8 +19,9 @@ const USAGE: &str =
   clippy check core and firmware for the target of every board
   build  compile the image and print its path
   run    start it in QEMU and ask who is there
-  count  run `bench` or `bench-sensing` in QEMU and print how many instructions the core takes
-  cycles trace `bench-sensing` in QEMU and print instructions and modelled cycles of a Cortex-M4
+  count  run `bench`, `bench-map` or `bench-sensing` in QEMU and print how many instructions the core takes
+  cycles trace `bench-map` or `bench-sensing` in QEMU and print instructions and modelled cycles of a
+         Cortex-M4, of the map beside the least that the arithmetic takes
   size   print flash, static memory and, after a few grasps in QEMU, the deepest stack";
 const LIMIT: Duration = Duration::from_secs(300);
 

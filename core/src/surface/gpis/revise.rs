@@ -48,7 +48,12 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         if site.slope {
             site.slope_precision = 1.0 / (self.kernel.slope_variance() + slope_noise);
         }
-        if self.factorise(site).is_ok() { count } else { 0 }
+        self.stage(&mut site);
+        if self.factor.append_together(count).is_err() {
+            return 0;
+        }
+        self.hold(site);
+        count
     }
 
     fn withdraw(&mut self, rows: usize) {
@@ -84,8 +89,8 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         &self.weights[..self.factor.rows()]
     }
 
-    fn whiten(&self, row: usize, x: &mut [f32]) {
-        self.factor.forward_from(row, x);
+    fn whiten<const C: usize>(&self, first: usize, x: &mut [[f32; C]]) {
+        self.factor.forward_together(first, x);
     }
 
     fn precision<const N: usize>(&self, first: usize, count: usize) -> Option<[[f32; N]; N]> {
@@ -94,17 +99,18 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             return None;
         }
         // L⁻¹ of unit vectors.
-        let mut columns = [[0.0; ROWS]; N];
-        for (part, column) in columns[..count].iter_mut().enumerate() {
-            column[first + part] = 1.0;
-            self.factor.forward_from(first + part, &mut column[..rows]);
+        let mut columns = [[0.0; N]; ROWS];
+        let columns = &mut columns[..rows - first];
+        for part in 0..count {
+            columns[part][part] = 1.0;
         }
+        self.factor.forward_together(first, columns);
         let mut block = [[0.0; N]; N];
-        for i in 0..count {
-            for j in 0..=i {
-                let (a, b) = (&columns[i][first..rows], &columns[j][first..rows]);
-                let sum: f32 = a.iter().zip(b).map(|(a, b)| a * b).sum();
-                (block[i][j], block[j][i]) = (sum, sum);
+        for column in &*columns {
+            for i in 0..count {
+                for j in 0..N {
+                    block[i][j] += column[i] * column[j];
+                }
             }
         }
         Some(block)

@@ -118,13 +118,33 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     /// Appends the rows of one site whose noise is in place.
     pub(super) fn factorise(&mut self, mut site: Site<S>) -> Result<(), NotPositiveDefinite> {
         let first = self.factor.rows();
+        self.stage(&mut site);
+        for _ in 0..site.rows() {
+            if self.factor.append().is_err() {
+                self.factor.truncate(first);
+                return Err(NotPositiveDefinite);
+            }
+        }
+        self.hold(site);
+        Ok(())
+    }
+
+    /// Adds a site whose rows are in the factor.
+    pub(super) fn hold(&mut self, site: Site<S>) {
+        self.sites[self.count] = site;
+        self.count += 1;
+    }
+
+    /// Writes the covariances of a new site's rows, whose noise is in place, into the staged rows.
+    pub(super) fn stage(&mut self, site: &mut Site<S>) {
+        let first = self.factor.rows();
         site.row = first as u16;
         if site.slope {
             for old in 0..self.count {
-                self.stage_cross(&site, old);
+                self.stage_cross(site, old);
             }
         } else {
-            self.stage_value(&site);
+            self.stage_value(site);
         }
         for i in 0..site.rows() {
             let row = self.factor.stage(i);
@@ -137,15 +157,6 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
                 *k += noise;
             }
         }
-        for _ in 0..site.rows() {
-            if self.factor.append().is_err() {
-                self.factor.truncate(first);
-                return Err(NotPositiveDefinite);
-            }
-        }
-        self.sites[self.count] = site;
-        self.count += 1;
-        Ok(())
     }
 
     /// Writes the covariances of a new site of one row with all others into the staged row.

@@ -16,7 +16,7 @@ impl<
 > Truncated<S, K, SITES, ROWS, PACKED, FACES>
 {
     /// The face whose value is the maximum at a point; `None` where it is the body's.
-    fn owner(&self, point: S::Vector) -> Option<usize> {
+    pub(super) fn owner(&self, point: S::Vector) -> Option<usize> {
         let [mut most] = self.body.values(&[point]);
         let mut owner = None;
         for (number, face) in self.faces.cutting() {
@@ -29,7 +29,7 @@ impl<
     }
 
     /// Covariance of a face's value at two points.
-    fn along(&self, number: usize, a: S::Vector, b: S::Vector) -> f32 {
+    pub(super) fn along(&self, number: usize, a: S::Vector, b: S::Vector) -> f32 {
         let Some(face) = self.faces.faces().get(number) else { return 0.0 };
         let open = |point| self.open(self.faces.beyond(number, point));
         let like = self.kernel.value((a - b).norm_squared());

@@ -340,3 +340,72 @@ fn touched_points_reach_to_the_ends_of_faces() {
     }
     assert_eq!(map.touched().count(), 8);
 }
+
+#[test]
+fn the_ball_about_all_contacts_holds_them_and_little_more() {
+    let mut map = small();
+    let mut random = Random::new(5);
+    let mut points = Vec::new();
+    for _ in 0..60 {
+        let (point, normal) = half_disc(&mut random);
+        points.push(point);
+        map.insert(&Contact { point, ..touch(point, normal, &mut random) });
+        let holds = |p: &Vector<2>| (*p - map.centre).norm() < map.radius + 1e-6;
+        assert!(points.iter().all(holds));
+    }
+    // The half disc's own has a radius of 40 mm.
+    assert!(map.radius < 0.048, "{}", map.radius);
+    map.clear();
+    let far = Vector([3.0, 4.0]);
+    map.insert(&Contact { point: far, ..touch(far, Vector([1.0, 0.0]), &mut random) });
+    assert_eq!((map.centre, map.radius), (far, 0.0));
+}
+
+#[test]
+fn a_body_that_faces_cut_ends_beyond_all_contacts() {
+    let prior = Uncut::<Planar>::about(Vector([0.01, 0.0]), 0.04);
+    let (inside, outside) = (Vector([0.01, 0.044]), Vector([0.01, 0.052]));
+    assert!(prior.mean(inside).0 < 0.0 && prior.mean(outside).0 > 0.0);
+    let curvature = prior.curvature(outside);
+    for axis in 0..2 {
+        let step = Vector::from_fn(|i| if i == axis { 1e-3 } else { 0.0 });
+        let slope = (prior.mean(outside + step).1 - prior.mean(outside - step).1) * 500.0;
+        assert!((slope - curvature[axis]).norm() < 1e-2 * (1.0 + slope.norm()), "{slope:?}");
+    }
+}
+
+#[test]
+fn outside_corners_the_outermost_face_answers_and_faces_do_not_know_each_other() {
+    let mut map = small();
+    learn(&mut *map, 150, 3, |r| on(&SQUARE, r));
+    let faces: Vec<_> = map.cuts().copied().collect();
+    let mut random = Random::new(9);
+    for _ in 0..200 {
+        let point = random.normal::<Vector<2>>() * 0.05;
+        let [value] = Joint::values(&*map, &[point]);
+        if let Some(owner) = map.owner(point) {
+            assert_eq!(faces[owner].value(point), value);
+        }
+        assert_eq!(map.probe(point).value, value);
+    }
+    let [right, top] = [Vector([0.042, 0.0]), Vector([0.0, 0.042])];
+    assert_eq!(map.joint::<2>(&[right, top])[0][1], 0.0);
+}
+
+#[test]
+fn what_is_open_beyond_a_faces_contacts_is_alike_only_nearby() {
+    let mut map = small();
+    learn(&mut *map, 150, 3, |r| on(&SQUARE, r));
+    let along = |x: f32| Vector([x, 0.041]);
+    let owner = map.owner(along(0.0)).unwrap();
+    let beyond = |x: f32| map.faces.beyond(owner, along(x));
+    // At one end of the face, and at both.
+    let face = map.faces.faces()[owner];
+    for (a, b) in [(0.06, 0.061), (0.06, -0.06)] {
+        let open = |x: f32| map.open(beyond(x));
+        let like = (map.along(owner, along(a), along(b)) - face.joint(along(a), along(b)))
+            / (open(a) * open(b)).sqrt();
+        let expected = KERNEL.value((a - b) * (a - b));
+        assert!((like / expected - 1.0).abs() < 0.02, "{like} {expected}");
+    }
+}

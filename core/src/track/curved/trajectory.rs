@@ -16,6 +16,9 @@ use crate::surface::{Bend, Revisable, Shared};
 /// Rows of one contact at most: value and three slopes.
 pub(super) const PARTS: usize = 4;
 
+/// Numbers of a tangent at most.
+const AXES: usize = 6;
+
 /// Longest step of one iteration: metres and radians.
 const LONGEST: (f32, f32) = (0.03, 0.4);
 
@@ -120,7 +123,7 @@ pub(super) struct Trajectory<
     levers: [S::Tangent; ROWS],
     spreads: [S::Tangent; ROWS],
     /// Scratch: the covariances with the last pose, whitened.
-    whitened: [S::Tangent; ROWS],
+    whitened: [[f32; AXES]; ROWS],
     /// Of every contact: its first row (counted from the first in common) and how many.
     rows: [(u16, u8); CONTACTS],
     /// Rows in use.
@@ -138,7 +141,7 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
             links: [Link::UNSET; GRASPS],
             levers: [S::Tangent::ZERO; ROWS],
             spreads: [S::Tangent::ZERO; ROWS],
-            whitened: [S::Tangent::ZERO; ROWS],
+            whitened: [[0.0; AXES]; ROWS],
             rows: [(0, 0); CONTACTS],
             used: 0,
             grasps: 0,
@@ -301,21 +304,16 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
         let Some(link) = self.grasps.checked_sub(1).map(|last| self.links[last]) else {
             return S::Covariance::ZERO;
         };
-        let mut column = [0.0; ROWS];
         let used = map.rows().min(ROWS).saturating_sub(since).min(self.used);
-        for axis in 0..S::FREEDOM {
-            column.fill(0.0);
-            for row in 0..used {
-                column[since + row] = self.spreads[row][axis];
-            }
-            map.whiten(since, &mut column);
-            for row in 0..used {
-                self.whitened[row][axis] = column[since + row];
-            }
+        let whitened = &mut self.whitened[..used];
+        for (to, spread) in whitened.iter_mut().zip(&self.spreads) {
+            *to = core::array::from_fn(|axis| if axis < S::FREEDOM { spread[axis] } else { 0.0 });
         }
+        map.whiten(since, whitened);
         let mut covariance = link.common;
-        for row in &self.whitened[..used] {
-            covariance.add_outer(-1.0, *row, *row);
+        for row in &*whitened {
+            let row = S::Tangent::from_fn(|axis| row[axis]);
+            covariance.add_outer(-1.0, row, row);
         }
         for axis in 0..S::FREEDOM {
             // Rounding must not take more than there is.

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::Gpis;
 use super::observe::Part;
-use crate::dense::{Functional, expansion};
+use crate::dense::Functional;
 use crate::reference::mean::Local;
 use crate::shape::Field;
 use crate::space::Point;
@@ -34,7 +34,7 @@ impl Gpis {
     pub fn means(&self, points: &[Point]) -> Vec<f64> {
         let block = |points: &[Point]| -> Vec<f64> {
             let points: Vec<Point> = points.iter().map(|p| self.flat(p)).collect();
-            let mut sums = expansion::values(&self.kernel, &self.weighted, &points);
+            let mut sums = self.weighted.values(&self.kernel, &points);
             let own = |p: &Point| self.prior.value(p) + self.shift(p).0;
             sums.iter_mut().zip(&points).for_each(|(sum, p)| *sum += own(p));
             sums
@@ -51,7 +51,7 @@ impl Gpis {
     pub fn means_and_gradients(&self, points: &[Point]) -> Vec<(f64, Point)> {
         let block = |points: &[Point]| -> Vec<(f64, Point)> {
             let points: Vec<Point> = points.iter().map(|p| self.flat(p)).collect();
-            let (values, gradients) = expansion::gradients(&self.kernel, &self.weighted, &points);
+            let (values, gradients) = self.weighted.gradients(&self.kernel, &points);
             let sums = values.into_iter().zip(gradients).zip(&points);
             sums.map(|((value, gradient), p)| {
                 let (shift, turn) = self.shift(p);
