@@ -7,6 +7,7 @@ use tactile_core::wire::{BeliefFrame, FaceFrame, FaceSummary, WireSpace};
 use crate::graph::joint::Corrected;
 use crate::graph::joint::problem::Problem;
 use crate::log::GraspLog;
+use crate::reference::faces::Owner;
 use crate::space::{Bridge, Point, Pose};
 
 /// A belief and the faces that belong to it, as frames.
@@ -28,7 +29,7 @@ impl<S: Bridge + WireSpace> Lesson<S> {
         let poses: Vec<Pose> = corrected.steps.iter().map(|s| s.pose).collect();
         let centre = |face: usize| {
             let own: Vec<Point> = (0..problem.felt.len().min(corrected.owners.len()))
-                .filter(|i| corrected.owners[*i] == Some(face))
+                .filter(|i| corrected.owners[*i] == Some(Owner::Face(face)))
                 .map(|i| problem.placed(&poses, i).point)
                 .collect();
             let mean = own.iter().sum::<Point>() / own.len().max(1) as f64;

@@ -7,14 +7,17 @@
 
 use nalgebra::{Const, DMatrix, DimMin, Matrix3, SMatrix, SVector};
 
-use super::explain::{attempt, supported};
+use super::explain::{attempt, renamed, supported};
 use super::factors;
 use super::problem::{Labels, Motion, Problem, State};
 use super::solve::{Solved, face_variance};
 use super::tangent::{Face, Tangent, axes, local, retract};
-use crate::reference::Contact;
-use crate::reference::faces;
+use crate::reference::faces::{self, Owner};
 use crate::space::{Point, Pose};
+
+mod aim;
+
+use aim::{aim, pull};
 
 /// Starts: turns about each axis, in deviations of the motion.
 const TURNS: [f64; 4] = [0.8, 1.6, 2.4, 3.2];
@@ -45,8 +48,8 @@ pub struct Target {
 pub struct Candidate {
     /// Object to world.
     pub pose: Pose,
-    /// The target of each of its contacts.
-    pub targets: Vec<Option<usize>>,
+    /// The target of each of its contacts, or those where it lies on an edge.
+    pub targets: Vec<Option<Owner>>,
     /// Cost of its contacts.
     pub cost: f64,
 }
@@ -60,12 +63,12 @@ pub fn targets<const D: usize>(problem: &Problem, solved: &Solved<D>) -> Vec<Tar
     for (i, label) in solved.labels.iter().enumerate() {
         let contact = problem.placed(&state.poses, i);
         match (label, contact.normal) {
-            (Some(face), _) => {
+            (Some(Owner::Face(face)), _) => {
                 centres[*face].0 += contact.point;
                 centres[*face].1 += 1;
             }
             (None, Some(normal)) => lone.push((i, contact, normal)),
-            (None, None) => {}
+            _ => {}
         }
     }
     let known = state.faces.iter().zip(centres).enumerate().map(|(j, (face, (sum, contacts)))| {
@@ -117,34 +120,6 @@ fn turning(
     sum
 }
 
-/// The contact (object frame) as uncertain as it is with respect to an uncertain plane.
-fn against(problem: &Problem, plane: &faces::Face, contact: &Contact) -> Contact {
-    let turns = plane.normal_covariance.trace() / (problem.dimension - 1) as f64;
-    Contact {
-        point_deviation: (contact.point_deviation.powi(2) + plane.variance(&contact.point)).sqrt(),
-        normal_deviation: (contact.normal_deviation.powi(2) + turns).sqrt(),
-        ..*contact
-    }
-}
-
-/// The target a contact (object frame) suits best, and its cost there or without one.
-fn aim(
-    problem: &Problem,
-    targets: &[Target],
-    contact: &Contact,
-    slack: f64,
-) -> (Option<usize>, f64) {
-    let (mut found, mut least) = (None, problem.unexplained(contact));
-    for (j, target) in targets.iter().enumerate() {
-        let face = Face { normal: target.plane.normal, offset: target.plane.offset };
-        let cost = problem.on_within(&face, &against(problem, &target.plane, contact), slack);
-        if cost < least {
-            (found, least) = (Some(j), cost);
-        }
-    }
-    (found, least)
-}
-
 /// What a grasp's contacts cost at a pose.
 fn cost_at(problem: &Problem, targets: &[Target], grasp: usize, pose: &Pose) -> f64 {
     let inverse = pose.inverse();
@@ -194,26 +169,14 @@ where
         for i in problem.of(grasp) {
             let world = &problem.felt[i].contact;
             let contact = world.transformed(&inverse);
-            let Some(target) = aim(problem, targets, &contact, slack).0 else { continue };
-            let plane = &targets[target].plane;
-            let sure = against(problem, plane, world);
-            let sure = Contact {
-                point_deviation: slack * against(problem, plane, &contact).point_deviation,
-                normal_deviation: slack * sure.normal_deviation,
-                ..*world
+            let Some(owner) = aim(problem, targets, &contact, slack).0 else { continue };
+            let Some((residual, by_pose)) = pull(problem, targets, &owner, &pose, world, slack)
+            else {
+                continue;
             };
-            let face = Face { normal: plane.normal, offset: plane.offset };
-            let touch = factors::touch(&pose, &face, problem.dimension, &sure);
-            let by_pose = SMatrix::<f64, 4, D>::from_fn(|r, c| touch.by_pose[(r, chosen[c])]);
-            let off = problem.kernel.cost(touch.residual[0].powi(2)).1;
-            let turned = touch.residual.fixed_rows::<3>(1).norm_squared();
-            let turned = problem.kernel.cost(turned).1;
-            for row in 0..4 {
-                let weight = if row == 0 { off } else { turned };
-                let j = by_pose.row(row);
-                h += j.transpose() * j * weight;
-                g += j.transpose() * (weight * touch.residual[row]);
-            }
+            let by_pose = SMatrix::<f64, 6, D>::from_fn(|r, c| by_pose[(r, chosen[c])]);
+            h += by_pose.tr_mul(&by_pose);
+            g += by_pose.tr_mul(&residual);
         }
         let change = -(h.cholesky()?.solve(&g));
         let mut tangent = Tangent::zeros();
@@ -294,13 +257,16 @@ pub fn relabel(
     labels: &mut Labels,
 ) {
     for (i, target) in problem.of(grasp).zip(&candidate.targets) {
-        labels[i] = target.map(|j| match targets[j].contact {
-            None => j,
-            Some(other) => *labels[other].get_or_insert_with(|| {
-                let plane = &targets[j].plane;
-                state.faces.push(Face { normal: plane.normal, offset: plane.offset });
-                state.faces.len() - 1
-            }),
+        labels[i] = target.map(|owner| match owner {
+            Owner::Face(j) => match targets[j].contact {
+                None => owner,
+                Some(other) => *labels[other].get_or_insert_with(|| {
+                    state.faces.push(targets[j].face());
+                    Owner::Face(state.faces.len() - 1)
+                }),
+            },
+            // Only faces have edges, and they come first.
+            _ => owner,
         });
     }
 }
@@ -354,7 +320,7 @@ where
             });
             // Back to the numbers of all targets.
             let number = |j: usize| all.iter().position(|t| same_target(t, &others[j]));
-            candidate.targets = candidate.targets.iter().map(|t| number((*t)?)).collect();
+            candidate.targets = candidate.targets.iter().map(|t| renamed((*t)?, number)).collect();
             for (all_after, change) in [(false, own + next), (true, own + tail)] {
                 if change < WORSE {
                     moves.push(Move { grasp: k, candidate: candidate.clone(), all_after, change });

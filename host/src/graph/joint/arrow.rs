@@ -88,6 +88,42 @@ impl<const D: usize> Arrow<D> {
         }
     }
 
+    /// Adds a contact's residual at a grasp on some faces, with its derivatives by the pose's tangent and
+    /// by each face's turns and offset; there are so many numbers to a face as dimensions.
+    pub fn add_touch<const R: usize>(
+        &mut self,
+        grasp: usize,
+        residual: &SVector<f64, R>,
+        by_pose: &SMatrix<f64, R, 6>,
+        faces: &[(usize, SMatrix<f64, R, 3>)],
+    ) {
+        // In the plane a face turns about one axis.
+        let columns: &[usize] = if D == 3 { &[0, 2] } else { &[0, 1, 2] };
+        let chosen = axes::<D>();
+        let by_pose = SMatrix::<f64, R, D>::from_fn(|r, c| by_pose[(r, chosen[c])]);
+        let at = |face: usize, a: usize| columns.len() * face + a;
+        for (face, by_face) in faces {
+            for (a, column) in columns.iter().enumerate() {
+                let column = by_face.column(*column);
+                self.rest[at(*face, a)] += column.dot(residual);
+                for (other, by_other) in faces {
+                    for (b, row) in columns.iter().enumerate() {
+                        self.corner[(at(*face, a), at(*other, b))] +=
+                            column.dot(&by_other.column(*row));
+                    }
+                }
+                if grasp > 0 {
+                    let mut rows = self.border[grasp - 1].column_mut(at(*face, a));
+                    rows += by_pose.tr_mul(&column);
+                }
+            }
+        }
+        if grasp > 0 {
+            self.diagonal[grasp - 1] += by_pose.tr_mul(&by_pose);
+            self.chain[grasp - 1] += by_pose.tr_mul(residual);
+        }
+    }
+
     /// Factors H with every diagonal entry enlarged by `damping` times itself; `None` where that is
     /// not positive definite.
     pub fn factor(&self, damping: f64) -> Option<Factor<D>> {

@@ -7,6 +7,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::problem::{Labels, Problem, State};
 use super::relation::Relation;
+use super::ridge;
 use super::solve::{Solved, offset_row, solve};
 use super::tangent::{Face, six_by_six};
 use crate::reference::Contact;
@@ -48,41 +49,51 @@ pub fn settle<const D: usize>(
     Some(best)
 }
 
-/// The face that suits each contact best, if one suits it better than none.
+/// The face, edge or corner that suits each contact best, if one suits it better than none.
 pub fn assigned(problem: &Problem, state: &State) -> Labels {
     (0..problem.until(state))
         .map(|i| {
             let contact = problem.placed(&state.poses, i);
-            best(problem, &state.faces, &contact, None).map(|(face, _)| face)
+            best(problem, &state.faces, &contact, None)
         })
         .collect()
 }
 
-/// The face that suits a contact (object frame) best, `barred` aside, and what that costs; `None`
-/// where having no face costs less.
+/// What suits a contact (object frame) best, the face `barred` aside; `None` where having no face costs
+/// less.
 pub fn best(
     problem: &Problem,
     faces: &[Face],
     contact: &Contact,
     barred: Option<usize>,
-) -> Option<(usize, f64)> {
+) -> Option<Owner> {
+    let allowed = faces.iter().copied().enumerate().filter(|(j, _)| Some(*j) != barred);
+    let allowed: Vec<(usize, Face)> = allowed.collect();
     let mut found = None;
     let mut least = problem.unexplained(contact);
-    for (j, face) in faces.iter().enumerate().filter(|(j, _)| Some(*j) != barred) {
-        let cost = problem.on(face, contact);
+    let mut consider = |owner: Owner, cost: f64| {
         if cost < least {
-            (found, least) = (Some((j, cost)), cost);
+            (found, least) = (Some(owner), cost);
         }
+    };
+    for (j, face) in &allowed {
+        consider(Owner::Face(*j), problem.on(face, contact));
+    }
+    for (owner, ridge) in ridge::near(problem, &allowed, contact, |_| contact.point_deviation) {
+        consider(owner, ridge.cost(problem, contact, 1.0));
     }
     found
 }
 
-/// Without the faces that fewer than two contacts support, one of them with a normal.
+/// Without the faces that fewer than two contacts support, one of them on the face alone and with a
+/// normal. Contacts on edges of such a face are without a label.
 pub fn supported(problem: &Problem, state: State, labels: Labels) -> (State, Labels) {
     let mut counts = vec![[0usize; 2]; state.faces.len()];
     for (felt, label) in problem.felt.iter().zip(&labels) {
-        if let Some(face) = label {
+        for face in label.iter().flat_map(|owner| owner.faces()) {
             counts[*face][0] += 1;
+        }
+        if let Some(Owner::Face(face)) = label {
             counts[*face][1] += usize::from(felt.contact.normal.is_some());
         }
     }
@@ -94,13 +105,27 @@ pub fn supported(problem: &Problem, state: State, labels: Labels) -> (State, Lab
             faces.push(state.faces[j]);
         }
     }
-    let labels = labels.into_iter().map(|label| numbers[label?]).collect();
+    let labels = labels.into_iter().map(|label| renamed(label?, |face| numbers[face])).collect();
     let kept = |relation: &Relation| {
         let [i, j] = relation.faces;
         Some(Relation { faces: [numbers[i]?, numbers[j]?], ..*relation })
     };
     let relations = state.relations.iter().filter_map(kept).collect();
     (State { faces, relations, ..state }, labels)
+}
+
+/// The same with other numbers of the faces; `None` where one has none. Where faces have become one, it is
+/// that one, or where that meets the other.
+pub(super) fn renamed(owner: Owner, number: impl Fn(usize) -> Option<usize>) -> Option<Owner> {
+    let mut faces = owner.faces().iter().map(|face| number(*face)).collect::<Option<Vec<_>>>()?;
+    faces.sort_unstable();
+    faces.dedup();
+    match faces[..] {
+        [i] => Some(Owner::Face(i)),
+        [i, j] => Some(Owner::Edge([i, j])),
+        [i, j, k] => Some(Owner::Corner([i, j, k])),
+        _ => None,
+    }
 }
 
 /// Faces fitted to contacts in the object frame (`None`: not to be used), and the labels.
@@ -112,10 +137,7 @@ pub fn fitted(dimension: usize, contacts: &[Option<Contact>]) -> (Vec<Face>, Lab
     let mut owners = faces.owners.iter();
     let label = |contact: &Option<Contact>| {
         contact.as_ref()?;
-        match owners.next()?.as_ref()? {
-            Owner::Face(face) => Some(*face),
-            _ => None,
-        }
+        *owners.next()?
     };
     let labels = contacts.iter().map(label).collect();
     let faces = faces.faces.iter().map(|f| Face { normal: f.normal, offset: f.offset });
@@ -132,7 +154,7 @@ fn pairs<const D: usize>(problem: &Problem, solved: &Solved<D>) -> Vec<(usize, u
     let covariance = solved.factor.faces();
     let mut centres = vec![(Point::zeros(), 0.0); state.faces.len()];
     for (i, label) in solved.labels.iter().enumerate() {
-        if let Some(face) = label {
+        if let Some(Owner::Face(face)) = label {
             centres[*face].0 += problem.placed(&state.poses, i).point;
             centres[*face].1 += 1.0;
         }
@@ -210,10 +232,10 @@ pub fn attempt<const D: usize>(
 fn merge<const D: usize>(problem: &Problem, best: &mut Solved<D>) -> bool {
     pairs(problem, best).into_iter().any(|(i, j)| {
         let mut labels = best.labels.clone();
-        let count = |face| best.labels.iter().filter(|l| **l == Some(face)).count();
+        let count = |face| best.labels.iter().filter(|l| **l == Some(Owner::Face(face))).count();
         let (kept, gone) = if count(i) < count(j) { (j, i) } else { (i, j) };
-        for label in labels.iter_mut().filter(|l| **l == Some(gone)) {
-            *label = Some(kept);
+        for label in &mut labels {
+            *label = label.and_then(|l| renamed(l, |f| Some(if f == gone { kept } else { f })));
         }
         attempt(problem, best, best.state.clone(), labels)
     })
@@ -234,13 +256,14 @@ fn appear<const D: usize>(problem: &Problem, best: &mut Solved<D>) -> bool {
     let (faces, own) = fitted(problem.dimension, &contacts);
     let mut changed = false;
     for (number, face) in faces.into_iter().enumerate() {
-        if own.iter().filter(|l| **l == Some(number)).count() < 2 {
+        let number = Some(Owner::Face(number));
+        if own.iter().filter(|l| **l == number).count() < 2 {
             continue;
         }
         let (mut state, mut labels) = (best.state.clone(), best.labels.clone());
         for (label, own) in labels.iter_mut().zip(&own) {
-            if label.is_none() && *own == Some(number) {
-                *label = Some(state.faces.len());
+            if label.is_none() && *own == number {
+                *label = Some(Owner::Face(state.faces.len()));
             }
         }
         state.faces.push(face);
@@ -257,7 +280,10 @@ fn part<const D: usize>(problem: &Problem, best: &mut Solved<D>) -> bool {
             break;
         }
         let contacts: Vec<Option<Contact>> = (0..best.labels.len())
-            .map(|i| (best.labels[i] == Some(face)).then(|| problem.placed(&best.state.poses, i)))
+            .map(|i| {
+                (best.labels[i] == Some(Owner::Face(face)))
+                    .then(|| problem.placed(&best.state.poses, i))
+            })
             .collect();
         let (faces, own) = fitted(problem.dimension, &contacts);
         if faces.len() < 2 {
@@ -266,7 +292,7 @@ fn part<const D: usize>(problem: &Problem, best: &mut Solved<D>) -> bool {
         let (mut state, mut labels) = (best.state.clone(), best.labels.clone());
         for (label, own) in labels.iter_mut().zip(&own) {
             if let Some(own) = own {
-                *label = Some(state.faces.len() + own);
+                *label = renamed(*own, |number| Some(state.faces.len() + number));
             }
         }
         state.faces.extend(faces);
@@ -281,9 +307,10 @@ fn go<const D: usize>(problem: &Problem, best: &mut Solved<D>) -> bool {
     let mut face = 0;
     while face < best.state.faces.len() {
         let mut labels = best.labels.clone();
-        for (i, label) in labels.iter_mut().enumerate().filter(|(_, l)| **l == Some(face)) {
+        let own = |label: &Option<Owner>| label.is_some_and(|l| l.faces().contains(&face));
+        for (i, label) in labels.iter_mut().enumerate().filter(|(_, l)| own(l)) {
             let contact = problem.placed(&best.state.poses, i);
-            *label = self::best(problem, &best.state.faces, &contact, Some(face)).map(|b| b.0);
+            *label = self::best(problem, &best.state.faces, &contact, Some(face));
         }
         if attempt(problem, best, best.state.clone(), labels) {
             changed = true;

@@ -23,6 +23,7 @@ pub mod problem;
 pub mod regular;
 pub mod relation;
 pub mod retrack;
+pub mod ridge;
 pub mod round;
 pub mod size;
 pub mod solve;

@@ -9,6 +9,7 @@ use super::factors::{step, touch};
 use super::problem::{Labels, Motion, Problem, State};
 use super::regular::regular;
 use super::retrack::retrack;
+use super::ridge::{self, Ridge, named};
 use super::solve::Solved;
 use super::tangent::{Face, six_by_six};
 use crate::log::GraspLog;
@@ -66,19 +67,24 @@ pub struct Corrected {
     pub given_faces: Vec<Matrix6<f64>>,
     /// The faces.
     pub faces: Vec<Plane>,
-    /// Which face each usable contact lies on, in the log's order; `None` where none explains it.
-    pub owners: Vec<Option<usize>>,
+    /// What each usable contact lies on, in the log's order; `None` where nothing explains it.
+    pub owners: Vec<Option<Owner>>,
     /// Negative log evidence, nats, up to a constant of the log.
     pub cost: f64,
-    /// χ² per degree of freedom of the contacts that lie on faces: about 1 on flat faces.
+    /// χ² per degree of freedom of the contacts that lie on faces and edges: about 1 on flat faces.
     pub per_degree: f64,
 }
 
 impl Corrected {
-    /// Share of the contacts that lie on faces.
+    /// Share of the contacts that lie on faces and their edges.
     pub fn explained(&self) -> f64 {
         let explained = self.owners.iter().flatten().count();
         explained as f64 / self.owners.len().max(1) as f64
+    }
+
+    /// Whether a contact lies where faces meet.
+    fn has_edges(&self) -> bool {
+        self.owners.iter().flatten().any(|owner| owner.faces().len() > 1)
     }
 
     /// The faces as a shape is made of them, with all contacts of the log at [`Corrected::relative`];
@@ -93,7 +99,7 @@ impl Corrected {
         let mut known = self.owners.iter();
         let owner = |c: &Contact| {
             c.checked()?;
-            (*known.next()?).map(Owner::Face)
+            *known.next()?
         };
         let owners: Vec<Option<Owner>> = placed.iter().map(owner).collect();
         let faces = self.faces.iter().enumerate().map(|(number, plane)| {
@@ -162,6 +168,27 @@ fn run<const D: usize>(
 where
     Const<D>: DimMin<Const<D>, Output = Const<D>>,
 {
+    // Whether fingers feel edges is decided by what comes of either in the end: poses that were found
+    // without edges hide them.
+    let felt =
+        |edges: bool| explained::<D>(&Problem { edges, ..problem.clone() }, trajectories, effort);
+    let (pointed, round) = rayon::join(|| felt(false), || felt(true));
+    let considered = pointed.into_iter().chain(round);
+    let (best, others) = considered.min_by(|a, b| a.0.cost.total_cmp(&b.0.cost))?;
+    let steps = trajectories.first().copied().unwrap_or_default();
+    (!best.state.faces.is_empty()).then(|| corrected(problem, &best, &others, steps))?
+}
+
+/// What comes of every trajectory and of one of the graph's own, with others that may be meant where it is
+/// open how faces lie to each other.
+fn explained<const D: usize>(
+    problem: &Problem,
+    trajectories: &[&[Step]],
+    effort: Effort,
+) -> Vec<(Solved<D>, Vec<Solved<D>>)>
+where
+    Const<D>: DimMin<Const<D>, Output = Const<D>>,
+{
     let mut found: Vec<Solved<D>> = Vec::new();
     for steps in trajectories {
         // With the poses' doubt and without: a tracker may be right to doubt, or not.
@@ -174,21 +201,27 @@ where
         let first = trajectories.first().and_then(|steps| Some(steps.first()?.pose));
         found.extend(retrack::<D>(problem, first));
     }
-    let mut considered: Vec<(Solved<D>, Vec<Solved<D>>)> = Vec::new();
-    for mut solved in found {
-        for _ in 0..effort.rounds {
-            let moved = improve(problem, &mut solved);
-            let restarted = effort.restarts && restart(problem, &mut solved);
-            if !moved && !restarted {
-                break;
-            }
-        }
+    let whole = |solved: Solved<D>| {
+        let mut solved = searched(problem, solved, effort);
         let others = regular(problem, &mut solved);
-        considered.push((solved, others));
+        (solved, others)
+    };
+    found.into_iter().map(whole).collect()
+}
+
+/// Moves faces and grasps for as long as it pays.
+fn searched<const D: usize>(problem: &Problem, mut solved: Solved<D>, effort: Effort) -> Solved<D>
+where
+    Const<D>: DimMin<Const<D>, Output = Const<D>>,
+{
+    for _ in 0..effort.rounds {
+        let moved = improve(problem, &mut solved);
+        let restarted = effort.restarts && restart(problem, &mut solved);
+        if !moved && !restarted {
+            break;
+        }
     }
-    let (best, others) = considered.into_iter().min_by(|a, b| a.0.cost.total_cmp(&b.0.cost))?;
-    let steps = trajectories.first().copied().unwrap_or_default();
-    (!best.state.faces.is_empty()).then(|| corrected(problem, &best, &others, steps))?
+    solved
 }
 
 /// Faces fitted at a tracker's poses.
@@ -245,7 +278,7 @@ fn corrected<const D: usize>(
             offset: face.offset,
             tangents: face.tangents(dimension),
             covariance,
-            contacts: best.labels.iter().filter(|l| **l == Some(j)).count(),
+            contacts: best.labels.iter().filter(|l| **l == Some(Owner::Face(j))).count(),
         }
     });
     Some(Corrected {
@@ -264,14 +297,14 @@ pub(super) fn criterion(problem: &Problem, found: &Corrected) -> f64 {
     let poses: Vec<Pose> = found.steps.iter().map(|step| step.pose).collect();
     let of_faces: Vec<Face> =
         found.faces.iter().map(|f| Face { normal: f.normal, offset: f.offset }).collect();
+    let problem = &Problem { edges: found.has_edges(), ..problem.clone() };
+    let numbered: Vec<(usize, Face)> = of_faces.iter().copied().enumerate().collect();
     let contact = |i: usize| {
-        let felt = &problem.felt[i];
-        let on = |face: &Face| {
-            let touch = touch(&poses[felt.grasp], face, problem.dimension, &felt.contact);
-            problem.kernel.cost(touch.residual[0].powi(2)).0
-                + problem.kernel.cost(touch.residual.fixed_rows::<3>(1).norm_squared()).0
-        };
-        of_faces.iter().map(on).fold(f64::INFINITY, f64::min)
+        let contact = problem.placed(&poses, i);
+        let on = of_faces.iter().map(|face| problem.on(face, &contact));
+        let edges = ridge::near(problem, &numbered, &contact, |_| contact.point_deviation);
+        let on_edge = edges.iter().map(|(_, ridge)| ridge.cost(problem, &contact, 1.0));
+        on.chain(on_edge).fold(f64::INFINITY, f64::min) - problem.exact(&contact)
     };
     let centre = problem.middle(&poses);
     let motion = |k: usize| {
@@ -289,15 +322,19 @@ pub(super) fn criterion(problem: &Problem, found: &Corrected) -> f64 {
 fn per_degree(problem: &Problem, state: &State, labels: &Labels) -> f64 {
     let (mut chi, mut degrees) = (0.0, 0.0);
     for (i, label) in labels.iter().enumerate() {
-        let Some(face) = label else { continue };
-        let contact = problem.placed(&state.poses, i);
-        let face = &state.faces[*face];
-        chi += (face.value(&contact.point) / contact.point_deviation).powi(2);
-        degrees += 1.0;
-        if let Some(normal) = contact.normal {
-            chi += (normal - face.normal).norm_squared() / contact.normal_deviation.powi(2);
-            degrees += (problem.dimension - 1) as f64;
-        }
+        let Some(owner) = label else { continue };
+        let felt = &problem.felt[i];
+        let (pose, faces) = (&state.poses[felt.grasp], named(owner, &state.faces));
+        chi += match (Ridge::new(&faces), &faces[..]) {
+            (Some(ridge), _) => {
+                ridge.touch(pose, problem.dimension, &felt.contact).residual.norm_squared()
+            }
+            (None, [face, ..]) => {
+                touch(pose, face, problem.dimension, &felt.contact).residual.norm_squared()
+            }
+            _ => 0.0,
+        };
+        degrees += if felt.contact.normal.is_some() { problem.dimension as f64 } else { 1.0 };
     }
     let centre = problem.middle(&state.poses);
     for k in 1..state.poses.len() {

@@ -2,6 +2,7 @@
 
 use crate::log::GraspLog;
 use crate::reference::Contact;
+use crate::reference::faces::Owner;
 use crate::slam::{deviations, track};
 use crate::space::{Point, Pose};
 
@@ -52,14 +53,16 @@ pub struct Problem {
     pub extent: f64,
     /// How far a contact's place on the surface is a draw of its own.
     pub weight: f64,
+    /// Whether fingers are round and feel edges: then contacts may lie there ([`super::ridge`]).
+    pub edges: bool,
     /// Robustness of contacts.
     pub kernel: Kernel,
     /// Robustness of motions, so that one slip does not bend what lies around it.
     pub slip: Kernel,
 }
 
-/// Which face each contact lies on; `None` where no face explains it.
-pub type Labels = Vec<Option<usize>>;
+/// Which face, edge or corner each contact lies on; `None` where none explains it.
+pub type Labels = Vec<Option<Owner>>;
 
 /// What is to be found.
 #[derive(Clone, Debug, PartialEq)]
@@ -99,6 +102,7 @@ impl Problem {
             motions: log.grasps.iter().map(|g| motion(g.motion)).collect(),
             extent: LEAST_EXTENT,
             weight: 1.0,
+            edges: false,
             kernel: Kernel::USUAL,
             slip: Kernel::USUAL,
         };

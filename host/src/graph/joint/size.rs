@@ -42,6 +42,19 @@ pub fn boxed(dimension: usize, points: &[Point]) -> f64 {
     2.0 * (size.x * size.y + size.y * size.z + size.z * size.x)
 }
 
+/// By how much larger than the object's surface the one is where the centre of a ball of this radius
+/// (metres) can be that touches it, as of a box around the contacts.
+pub fn rounding(dimension: usize, points: &[Point], radius: f64) -> f64 {
+    use std::f64::consts::{PI, TAU};
+    let Some(first) = points.first() else { return 0.0 };
+    if dimension == 2 {
+        return TAU * radius;
+    }
+    let (low, high) =
+        points.iter().fold((*first, *first), |(low, high), p| (low.inf(p), high.sup(p)));
+    PI * (high - low).sum() * radius + 2.0 * TAU * radius * radius
+}
+
 /// Outward directions of the planes that cut.
 fn rounds(dimension: usize) -> Vec<Point> {
     if dimension == 2 {

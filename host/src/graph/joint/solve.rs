@@ -1,13 +1,16 @@
 //! Levenberg–Marquardt over poses and faces for given labels, and what the optimum is worth.
 
-use nalgebra::{DMatrix, SMatrix};
+use nalgebra::{DMatrix, Matrix6x3};
 
 use super::arrow::{Arrow, Factor};
 use super::factors;
 use super::problem::{Labels, Problem, State};
 use super::relation::Relation;
+use super::ridge::{FINGERTIP, Ridge, named};
 use super::size;
 use super::tangent::{Tangent, axes, retract};
+use crate::reference::Contact;
+use crate::reference::faces::Owner;
 use crate::space::Point;
 
 /// Most iterations.
@@ -31,6 +34,9 @@ const OUTSIDE: (f64, f64) = (0.4, 9.0);
 /// What it costs that an object is not convex, nats.
 const CONCAVE: f64 = 12.0;
 
+/// Nats that a contact costs on an edge of faces that became parallel.
+const LOST: f64 = 30.0;
+
 /// Least surface that counts, in (powers of) the extent: faces that enclose nothing have none.
 const LEAST_SIZE: f64 = 0.5;
 
@@ -39,7 +45,7 @@ const LEAST_SIZE: f64 = 0.5;
 pub struct Solved<const D: usize> {
     /// Where.
     pub state: State,
-    /// Which contact lies on which face.
+    /// What each contact lies on.
     pub labels: Labels,
     /// −ln of how plausible all of it is, nats, up to a constant: the contacts' and motions' costs,
     /// Laplace's approximation of the room that poses and faces have left, and the prior's.
@@ -140,40 +146,13 @@ pub fn linearise<const D: usize>(
     let poses = state.poses.len().saturating_sub(1);
     let mut arrow = Arrow::<D>::zeros(poses, dimension * state.faces.len());
     let mut cost = 0.0;
-    let chosen = axes::<D>();
     for (felt, label) in problem.felt.iter().zip(labels) {
-        let Some(face) = *label else { continue };
-        let pose = &state.poses[felt.grasp];
-        let mut touch = factors::touch(pose, &state.faces[face], dimension, &felt.contact);
-        let (off, off_weight) = problem.kernel.cost(touch.residual[0].powi(2));
-        let turned = touch.residual.fixed_rows::<3>(1).norm_squared();
-        let (turned, turned_weight) = problem.kernel.cost(turned);
-        cost += off + turned;
-        for row in 0..4 {
-            let weight = if row == 0 { off_weight } else { turned_weight }.sqrt();
-            touch.residual[row] *= weight;
-            touch.by_pose.row_mut(row).scale_mut(weight);
-            touch.by_face.row_mut(row).scale_mut(weight);
-        }
-        let by_pose = SMatrix::<f64, 4, D>::from_fn(|r, c| touch.by_pose[(r, chosen[c])]);
-        // In the plane a face turns about one axis.
-        let columns = if dimension == 2 { [0, 2, 2] } else { [0, 1, 2] };
-        let at = dimension * face;
-        for a in 0..dimension {
-            let column = touch.by_face.column(columns[a]);
-            arrow.rest[at + a] += column.dot(&touch.residual);
-            for b in 0..dimension {
-                arrow.corner[(at + a, at + b)] += column.dot(&touch.by_face.column(columns[b]));
-            }
-            if felt.grasp > 0 {
-                let mut rows = arrow.border[felt.grasp - 1].column_mut(at + a);
-                rows += by_pose.tr_mul(&column);
-            }
-        }
-        if felt.grasp > 0 {
-            arrow.diagonal[felt.grasp - 1] += by_pose.tr_mul(&by_pose);
-            arrow.chain[felt.grasp - 1] += by_pose.tr_mul(&touch.residual);
-        }
+        let Some(owner) = label else { continue };
+        let touched = (felt.grasp, &felt.contact);
+        cost += match owner {
+            Owner::Face(face) => add_face(&mut arrow, problem, state, *face, touched),
+            _ => add_ridge(&mut arrow, problem, state, owner, touched),
+        };
     }
     for relation in &state.relations {
         cost += add_relation(&mut arrow, state, relation, dimension);
@@ -187,6 +166,56 @@ pub fn linearise<const D: usize>(
         arrow.add_step(k, &step, weight);
     }
     (cost, arrow)
+}
+
+/// Adds a contact on a face; what it costs.
+fn add_face<const D: usize>(
+    arrow: &mut Arrow<D>,
+    problem: &Problem,
+    state: &State,
+    face: usize,
+    (grasp, contact): (usize, &Contact),
+) -> f64 {
+    let pose = &state.poses[grasp];
+    let mut touch = factors::touch(pose, &state.faces[face], problem.dimension, contact);
+    let (off, off_weight) = problem.kernel.cost(touch.residual[0].powi(2));
+    let turned = touch.residual.fixed_rows::<3>(1).norm_squared();
+    let (turned, turned_weight) = problem.kernel.cost(turned);
+    for row in 0..4 {
+        let weight = if row == 0 { off_weight } else { turned_weight }.sqrt();
+        touch.residual[row] *= weight;
+        touch.by_pose.row_mut(row).scale_mut(weight);
+        touch.by_face.row_mut(row).scale_mut(weight);
+    }
+    arrow.add_touch(grasp, &touch.residual, &touch.by_pose, &[(face, touch.by_face)]);
+    off + turned
+}
+
+/// Adds a contact where faces meet; what it costs.
+fn add_ridge<const D: usize>(
+    arrow: &mut Arrow<D>,
+    problem: &Problem,
+    state: &State,
+    owner: &Owner,
+    (grasp, contact): (usize, &Contact),
+) -> f64 {
+    let Some(ridge) = Ridge::new(&named(owner, &state.faces)) else { return LOST };
+    let mut touch = ridge.touch(&state.poses[grasp], problem.dimension, contact);
+    let (off, off_weight) = problem.kernel.cost(touch.residual.fixed_rows::<3>(0).norm_squared());
+    let turned = touch.residual.fixed_rows::<3>(3).norm_squared();
+    let (turned, turned_weight) = problem.kernel.cost(turned);
+    for row in 0..6 {
+        let weight = if row < 3 { off_weight } else { turned_weight }.sqrt();
+        touch.residual[row] *= weight;
+        touch.by_pose.row_mut(row).scale_mut(weight);
+        for by_face in &mut touch.by_face {
+            by_face.row_mut(row).scale_mut(weight);
+        }
+    }
+    let faces: Vec<(usize, Matrix6x3<f64>)> =
+        owner.faces().iter().copied().zip(touch.by_face).collect();
+    arrow.add_touch(grasp, &touch.residual, &touch.by_pose, &faces);
+    off + turned
 }
 
 /// Adds what a relation says of its two faces; what it costs.
@@ -220,7 +249,11 @@ fn worth<const D: usize>(
     factor: &Factor<D>,
 ) -> f64 {
     let contacts = problem.felt.iter().zip(labels).map(|(felt, label)| match label {
-        Some(_) => problem.exact(&felt.contact),
+        Some(Owner::Face(_)) => problem.exact(&felt.contact),
+        Some(owner) => match Ridge::new(&named(owner, &state.faces)) {
+            Some(ridge) => ridge.exact(problem.dimension, &felt.contact),
+            None => problem.unexplained(&felt.contact),
+        },
         None => problem.unexplained(&felt.contact),
     });
     let faces = state.faces.len() as f64;
@@ -243,7 +276,8 @@ fn shape(problem: &Problem, state: &State, labels: &Labels, covariance: &DMatrix
         let mut worst: f64 = 0.0;
         for (j, face) in state.faces.iter().enumerate() {
             let height = face.value(point);
-            if labels[i] != Some(j) && height > 0.0 {
+            let own = labels[i].is_some_and(|owner| owner.faces().contains(&j));
+            if !own && height > 0.0 {
                 let variance =
                     noise + face_variance(problem.dimension, state, covariance, j, point);
                 worst = worst.max(height * height / variance);
@@ -254,7 +288,12 @@ fn shape(problem: &Problem, state: &State, labels: &Labels, covariance: &DMatrix
     // In units of the extent, so that it is a number.
     let unit = problem.extent.powi(problem.dimension as i32 - 1);
     let count = problem.weight * points.len() as f64;
-    let surface = |size: f64| count * (size / unit).max(LEAST_SIZE).ln();
+    let round = if problem.edges {
+        size::rounding(problem.dimension, &points, FINGERTIP) / unit
+    } else {
+        0.0
+    };
+    let surface = |size: f64| count * ((size / unit).max(LEAST_SIZE) + round).ln();
     let convex = outside + surface(size::convex(problem.dimension, &state.faces, &points));
     let concave = CONCAVE + surface(size::boxed(problem.dimension, &points));
     if convex.is_finite() { convex.min(concave) } else { concave }

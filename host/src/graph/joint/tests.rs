@@ -12,6 +12,7 @@ use super::tangent::{Tangent, axes, local, retract};
 use crate::graph::Kind;
 use crate::log::GraspLog;
 use crate::quantity::Deviation;
+use crate::reference::faces::Owner;
 use crate::shape::Geometry;
 use crate::sim::{Options, simulate};
 use crate::slam::choose::Choice;
@@ -113,7 +114,8 @@ fn a_wrong_label_is_repaired() {
     let right = settle::<3>(&problem, state, labels).unwrap();
     for contact in [3, 17, 40] {
         let mut labels = right.labels.clone();
-        labels[contact] = labels[contact].map(|face| (face + 1) % right.state.faces.len());
+        let other = |owner: Owner| (owner.faces()[0] + 1) % right.state.faces.len();
+        labels[contact] = labels[contact].map(|owner| Owner::Face(other(owner)));
         let again = settle::<3>(&problem, right.state.clone(), labels).unwrap();
         assert_eq!(again.labels, right.labels);
         assert!((again.cost - right.cost).abs() < 0.02);
@@ -140,8 +142,8 @@ fn faces_that_are_one_merge_and_what_was_merged_parts() {
     doubled.faces.push(state.faces[0]);
     let mut parted = labels.clone();
     for (i, label) in parted.iter_mut().enumerate() {
-        if *label == Some(0) && i % 2 == 0 {
-            *label = Some(4);
+        if *label == Some(Owner::Face(0)) && i % 2 == 0 {
+            *label = Some(Owner::Face(4));
         }
     }
     let mut best = solve::<3>(&problem, doubled, parted).unwrap();
@@ -152,7 +154,8 @@ fn faces_that_are_one_merge_and_what_was_merged_parts() {
     // Two faces at a right angle as one.
     let near = (1..4).find(|j| state.faces[*j].normal.dot(&state.faces[0].normal).abs() < 0.5);
     let near = near.unwrap();
-    let merged = labels.iter().map(|l| if *l == Some(near) { Some(0) } else { *l }).collect();
+    let [near, first] = [near, 0].map(|face| Some(Owner::Face(face)));
+    let merged = labels.iter().map(|l| if *l == near { first } else { *l }).collect();
     let mut best = settle::<3>(&problem, state, merged).unwrap();
     assert!(best.cost > right.cost + 3.0);
     while improve(&problem, &mut best) || restart(&problem, &mut best) {}
