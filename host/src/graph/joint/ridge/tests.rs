@@ -1,7 +1,8 @@
 use proptest::prelude::*;
 
-use super::super::explain::best;
+use super::super::explain::{best, renamed, supported};
 use super::super::planes::{Corrected, Effort, planes};
+use super::super::problem::{Labels, State};
 use super::super::tangent::{Tangent, retract};
 use super::*;
 use crate::log::GraspLog;
@@ -204,4 +205,40 @@ proptest! {
             }
         }
     }
+}
+
+#[test]
+fn faces_that_become_one_take_their_edges_along() {
+    let number = |face: usize| [Some(0), Some(0), Some(1), None].get(face).copied().flatten();
+    let renamed = |owner| renamed(owner, number);
+    assert_eq!(renamed(Owner::Edge([0, 1])), Some(Owner::Face(0)));
+    assert_eq!(renamed(Owner::Edge([1, 2])), Some(Owner::Edge([0, 1])));
+    assert_eq!(renamed(Owner::Corner([0, 1, 2])), Some(Owner::Edge([0, 1])));
+    assert_eq!(renamed(Owner::Edge([2, 3])), None);
+}
+
+#[test]
+fn contacts_on_edges_support_a_face_that_was_felt() {
+    let options = Options { grasps: Some(3), ..Options::new("box:0.1x0.07x0.05".parse().unwrap()) };
+    let problem = Problem::new(&simulate(&options).unwrap().log);
+    let state = State {
+        poses: problem.poses(&[]),
+        faces: sides(3, [0.05, 0.035, 0.025])[..3].to_vec(),
+        relations: Vec::new(),
+    };
+    // The first was felt once and at two edges, the second twice, the third at edges alone.
+    let owners = [
+        Owner::Face(0),
+        Owner::Edge([0, 1]),
+        Owner::Face(1),
+        Owner::Face(1),
+        Owner::Edge([1, 2]),
+        Owner::Edge([0, 2]),
+    ];
+    let mut labels: Labels = owners.into_iter().map(Some).collect();
+    labels.resize(problem.felt.len(), None);
+    let (state, kept) = supported(&problem, state, labels.clone());
+    assert_eq!(state.faces.len(), 2);
+    assert_eq!(kept[..4], labels[..4]);
+    assert!(kept[4..].iter().all(Option::is_none));
 }
