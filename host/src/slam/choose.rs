@@ -68,8 +68,11 @@ pub enum Refusal {
         /// From how many contacts.
         contacts: usize,
     },
-    /// Many contacts have each its own face, as on a curve.
-    #[error("{lone} of {contacts} contacts each make a face of their own: the surface is curved")]
+    /// Contacts have each its own face, as on a curve or where a finger lay on a rounded edge.
+    #[error(
+        "{lone} of {contacts} contacts make faces of their own that no other confirms: the surface is \
+         curved, or a finger lay on an edge"
+    )]
     Lone {
         /// Faces of one contact that are neither parallel nor square to others.
         lone: usize,
@@ -129,10 +132,11 @@ const UNTOUCHED: f64 = 0.6;
 /// found, high on curves, where every contact makes its own.
 const LONE: f64 = 0.05;
 
-/// Whether so many of the faces make a convex object doubtful, or one that is not.
+/// Whether so many unconfirmed faces make the others doubtful, too: one less than [`LONE`] allows on a
+/// convex object, but never the first on a hollow one.
 ///
 /// A finger on a rounded edge makes a face that stands for the side behind it, and corners far away:
-/// the process loses less than that, even for a single one, unless the object is hollow.
+/// the process loses less than that, unless the object is hollow.
 fn too_many(lone: usize, faces: &Faces, felt: usize) -> bool {
     let most = (LONE * felt as f64).floor() as usize;
     let most = if faces.is_convex() { most.saturating_sub(1) } else { most.max(1) };
