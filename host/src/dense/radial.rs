@@ -1,6 +1,6 @@
 //! Radial covariances on vectors.
 
-use super::exponential::exp;
+use super::exponential::decay;
 use super::simd::Simd;
 use crate::reference::Kernel;
 
@@ -30,7 +30,7 @@ pub(super) fn radials<S: Simd, const G: usize>(
     of: Of,
     squared: [S::Vector; G],
 ) -> [Radials<S::Vector>; G] {
-    let zero = s.splat(0.0);
+    let (zero, one) = (s.splat(0.0), s.splat(1.0));
     let mut found = [Radials { value: zero, slope: zero, bend: zero }; G];
     let by_lengthscale = of == Of::LogLengthscale;
     match *kernel {
@@ -38,9 +38,9 @@ pub(super) fn radials<S: Simd, const G: usize>(
             let q = 1.0 / (lengthscale * lengthscale);
             let mut x = squared;
             for g in 0..G {
-                x[g] = s.mul(squared[g], s.splat(-0.5 * q));
+                x[g] = s.mul(squared[g], s.splat(0.5 * q));
             }
-            let decay = exp(s, x);
+            let decay = decay(s, x);
             for g in 0..G {
                 let value = s.mul(decay[g], s.splat(amplitude * amplitude));
                 let slope = s.mul(value, s.splat(-q));
@@ -60,15 +60,15 @@ pub(super) fn radials<S: Simd, const G: usize>(
         Kernel::Matern32 { amplitude, lengthscale } => {
             let c = 3f64.sqrt() / lengthscale;
             let mut d = squared;
-            let mut x = squared;
+            let mut u = squared;
             for g in 0..G {
                 d[g] = s.sqrt(squared[g]);
-                x[g] = s.mul(d[g], s.splat(-c));
+                u[g] = s.mul(d[g], s.splat(c));
             }
-            let decay = exp(s, x);
+            let decay = decay(s, u);
             for g in 0..G {
+                let u = u[g];
                 let decay = s.mul(decay[g], s.splat(amplitude * amplitude));
-                let u = s.mul(d[g], s.splat(c));
                 let cubed = s.splat(c * c * c);
                 let steep = s.where_positive(d[g], s.div(s.mul(decay, cubed), d[g]));
                 found[g] = if by_lengthscale {
@@ -89,12 +89,10 @@ pub(super) fn radials<S: Simd, const G: usize>(
         Kernel::Matern52 { amplitude, lengthscale } => {
             let c = 5f64.sqrt() / lengthscale;
             let mut u = squared;
-            let mut x = squared;
             for g in 0..G {
                 u[g] = s.mul(s.sqrt(squared[g]), s.splat(c));
-                x[g] = s.sub(zero, u[g]);
             }
-            let decay = exp(s, x);
+            let decay = decay(s, u);
             for g in 0..G {
                 let u = u[g];
                 let decay = s.mul(decay[g], s.splat(amplitude * amplitude));
@@ -108,9 +106,9 @@ pub(super) fn radials<S: Simd, const G: usize>(
                         bend: s.mul(s.sub(u, s.splat(4.0)), flat),
                     }
                 } else {
-                    let third = s.mul(s.mul(u, u), s.splat(1.0 / 3.0));
+                    let rise = s.mul_add(u, s.mul_add(u, s.splat(1.0 / 3.0), one), one);
                     Radials {
-                        value: s.mul_add(third, decay, more),
+                        value: s.mul(rise, decay),
                         slope: s.mul(more, s.splat(-c * c / 3.0)),
                         bend: flat,
                     }

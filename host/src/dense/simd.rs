@@ -32,8 +32,8 @@ pub(crate) trait Simd: Copy {
     fn div(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
     /// √a.
     fn sqrt(self, a: Self::Vector) -> Self::Vector;
-    /// The greater of each pair; `x` where it is NaN.
-    fn at_least(self, x: Self::Vector, least: Self::Vector) -> Self::Vector;
+    /// The lesser of each pair; `x` where it is NaN.
+    fn at_most(self, x: Self::Vector, most: Self::Vector) -> Self::Vector;
     /// `then` in the lanes where `x` > 0, zero in the others.
     fn where_positive(self, x: Self::Vector, then: Self::Vector) -> Self::Vector;
     /// `m`·2ⁿ from n + 1.5·2⁵², for an integer −1022 ≤ n ≤ 1023.
@@ -154,9 +154,9 @@ impl Simd for Portable {
     }
 
     #[inline(always)]
-    fn at_least(self, x: [f64; 2], least: [f64; 2]) -> [f64; 2] {
-        let one = |x: f64, least: f64| if x < least { least } else { x };
-        [one(x[0], least[0]), one(x[1], least[1])]
+    fn at_most(self, x: [f64; 2], most: [f64; 2]) -> [f64; 2] {
+        let one = |x: f64, most: f64| if x > most { most } else { x };
+        [one(x[0], most[0]), one(x[1], most[1])]
     }
 
     #[inline(always)]
@@ -256,9 +256,9 @@ mod x86 {
         }
 
         #[inline(always)]
-        fn at_least(self, x: __m512d, least: __m512d) -> __m512d {
+        fn at_most(self, x: __m512d, most: __m512d) -> __m512d {
             // The instruction gives its second operand where either is NaN.
-            unsafe { _mm512_max_pd(least, x) }
+            unsafe { _mm512_min_pd(most, x) }
         }
 
         #[inline(always)]
@@ -335,8 +335,8 @@ mod x86 {
         }
 
         #[inline(always)]
-        fn at_least(self, x: __m256d, least: __m256d) -> __m256d {
-            unsafe { _mm256_max_pd(least, x) }
+        fn at_most(self, x: __m256d, most: __m256d) -> __m256d {
+            unsafe { _mm256_min_pd(most, x) }
         }
 
         #[inline(always)]

@@ -95,8 +95,8 @@ impl Lattice {
     }
 
     /// Where a node is, metres.
-    pub fn node(&self, node: [usize; 3]) -> Point {
-        self.position(node.map(|i| i as f64))
+    pub fn node(&self, [i, j, k]: [usize; 3]) -> Point {
+        self.position([i as f64, j as f64, k as f64])
     }
 
     /// A node's place in [`Samples::values`].

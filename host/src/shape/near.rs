@@ -81,6 +81,11 @@ impl Template {
     }
 }
 
+/// Counts on, place by place.
+fn add(counts: &mut [u8], more: &[u8]) {
+    counts.iter_mut().zip(more).for_each(|(count, more)| *count += more);
+}
+
 /// In spacings.
 fn distance(a: [usize; 3], b: [usize; 3]) -> f64 {
     let squared = |axis: usize| (a[axis].abs_diff(b[axis]) as f64).powi(2);
@@ -350,26 +355,31 @@ impl Search<'_> {
         let [nx, ny, nz] = self.lattice.counts();
         let layers: &[usize] = if nz == 1 { &[0] } else { &[0, 1] };
         let most = 4 * layers.len() as u8;
+        let negative: Vec<u8> = self.values.iter().map(|v| u8::from(*v < 0.0)).collect();
         let mut missing = Vec::new();
         let (mut inside, mut exact) = (vec![0u8; nx], vec![0u8; nx]);
+        let mut open = vec![false; nx - 1];
         for k in 0..(nz - 1).max(1) {
             for j in 0..ny - 1 {
+                let rows = layers.iter().flat_map(|up| [[j, k + up], [j + 1, k + up]]);
                 inside.fill(0);
                 exact.fill(0);
-                let rows = layers.iter().flat_map(|up| [[j, k + up], [j + 1, k + up]]);
                 for [j, k] in rows.clone() {
                     let first = self.lattice.index([0, j, k]);
-                    let row = first..first + nx;
-                    for (count, value) in inside.iter_mut().zip(&self.values[row.clone()]) {
-                        *count += u8::from(*value < 0.0);
-                    }
-                    exact.iter_mut().zip(&self.exact[row]).for_each(|(count, e)| *count += e);
+                    add(&mut inside, &negative[first..first + nx]);
+                    add(&mut exact, &self.exact[first..first + nx]);
                 }
-                for i in 0..nx - 1 {
-                    let negative = inside[i] + inside[i + 1];
-                    if negative == 0 || negative == most || exact[i] + exact[i + 1] == most {
-                        continue;
-                    }
+                let mut any = false;
+                let cells = inside.windows(2).zip(exact.windows(2));
+                for (open, (inside, exact)) in open.iter_mut().zip(cells) {
+                    let (inside, exact) = (inside[0] + inside[1], exact[0] + exact[1]);
+                    *open = (inside != 0) & (inside != most) & (exact != most);
+                    any |= *open;
+                }
+                if !any {
+                    continue;
+                }
+                for i in (0..nx - 1).filter(|i| open[*i]) {
                     for [j, k] in rows.clone() {
                         let unknown = |i: &usize| self.exact[self.lattice.index([*i, j, k])] == 0;
                         missing.extend([i, i + 1].into_iter().filter(unknown).map(|i| [i, j, k]));
