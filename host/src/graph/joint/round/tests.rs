@@ -1,6 +1,9 @@
-use super::body::ROUGH;
+use super::body::{ROUGH, Side};
+use super::descent::unexplained;
+use super::parts::candidates;
 use super::*;
 use crate::experiment::tracking::judge::{Judgement, Truth, judge};
+use crate::graph::joint::tangent::Face;
 use crate::log::GraspLog;
 use crate::quantity::Deviation;
 use crate::sim::{Options, Simulation, simulate};
