@@ -487,3 +487,28 @@ fn what_is_round_has_no_faces_and_what_is_flat_has() {
         assert!((criterion(&problem, &more) - flat_cost) > 4.0);
     }
 }
+
+#[test]
+fn on_an_edge_a_contact_is_outside_neither_face() {
+    let log = exact("rectangle:0.10x0.06", 10);
+    let (problem, state, labels) = at_truth(&log);
+    let up = |i: usize, j: usize| state.faces[i].normal.dot(&state.faces[j].normal).abs() < 0.5;
+    let other = (1..4).find(|j| up(0, *j)).unwrap();
+    let [a, b] = [0, other].map(|j| state.faces[j]);
+    // Where the two meet, and so far beyond both of them.
+    let cost = |owner: Owner, beyond: f64| {
+        let (mut problem, mut labels) = (problem.clone(), labels.clone());
+        let height = |face: &super::tangent::Face| face.normal * (face.offset + beyond);
+        let felt = &mut problem.felt[0];
+        let normal = Some((a.normal + b.normal).normalize());
+        let contact =
+            crate::reference::Contact { point: height(&a) + height(&b), normal, ..felt.contact };
+        felt.contact = contact.transformed(&state.poses[felt.grasp]);
+        labels[0] = Some(owner);
+        solve::<3>(&problem, state.clone(), labels).unwrap().cost
+    };
+    let price = |owner: Owner| cost(owner, 3e-3) - cost(owner, -3e-3);
+    assert!(price(Owner::Edge([0, other])).abs() < 0.5, "{}", price(Owner::Edge([0, other])));
+    // On one face alone it is outside the other.
+    assert!(price(Owner::Face(0)) > 1.5, "{}", price(Owner::Face(0)));
+}

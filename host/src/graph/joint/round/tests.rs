@@ -1,6 +1,9 @@
-use super::body::ROUGH;
+use super::body::{ROUGH, Side};
+use super::descent::unexplained;
+use super::parts::candidates;
 use super::*;
 use crate::experiment::tracking::judge::{Judgement, Truth, judge};
+use crate::graph::joint::tangent::Face;
 use crate::log::GraspLog;
 use crate::quantity::Deviation;
 use crate::sim::{Options, Simulation, simulate};
@@ -281,4 +284,22 @@ fn normals_need_not_be_as_exact_as_they_are_said_to_be() {
     let steps: Vec<Step> = best.poses.into_iter().map(Step::certain).collect();
     let judgement = judge(&log, &steps, &Truth::new(geometry)).unwrap();
     assert!(judgement.rms.rotation < 0.1, "{judgement:?}");
+}
+
+#[test]
+fn the_log_backwards_tells_what_it_does_not_forwards() {
+    for seed in [405, 410] {
+        let log = slipping("cylinder:0.05x0.08", 8, seed, 0.0).log;
+        let problem = Problem::new(&log);
+        let first = log.grasps[0].truth;
+        let least = |all: &[Hypothesis]| all.first().map_or(f64::INFINITY, |one| one.cost);
+        let ahead = least(&follow::<6>(&problem, first));
+        let back = backwards::<6>(&problem, first);
+        assert!(least(&back) < ahead - 10.0, "{seed}: {ahead} {}", least(&back));
+        // In the frame of the first grasp, as if the log had been followed forwards.
+        assert_eq!(Some(back[0].poses[0]), first);
+        let near = trajectories::<6>(&problem, &[back[0].poses.clone()], false);
+        let all = trajectories::<6>(&problem, &[], true);
+        assert!(near[0].cost < least(&back) + 1.0 && all[0].cost < near[0].cost + 1.0);
+    }
 }
