@@ -124,6 +124,18 @@ fn hypotheses_track_bit_for_bit_in_space() {
 }
 
 #[test]
+fn particles_with_faces_track_bit_for_bit_in_the_plane() {
+    let kind = BoardKind::Stm32f405;
+    agrees_with_the_virtual_board::<Planar>(Machine::Stm32f405, kind, TrackerKind::RaoBlackwell);
+}
+
+#[test]
+fn particles_with_faces_track_bit_for_bit_in_space() {
+    let kind = BoardKind::Stm32f405;
+    agrees_with_the_virtual_board::<Spatial>(Machine::Stm32f405, kind, TrackerKind::RaoBlackwell);
+}
+
+#[test]
 fn the_second_board_tracks_bit_for_bit() {
     agrees_with_the_virtual_board::<Planar>(Machine::Mps2An386, BoardKind::Mps2An386, BOOTSTRAP);
 }
