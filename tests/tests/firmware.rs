@@ -136,6 +136,30 @@ fn particles_with_faces_track_bit_for_bit_in_space() {
 }
 
 #[test]
+fn curved_objects_track_bit_for_bit_in_the_plane() {
+    let kind = BoardKind::Stm32f405;
+    agrees_with_the_virtual_board::<Planar>(Machine::Stm32f405, kind, TrackerKind::Curved);
+}
+
+#[test]
+fn curved_objects_track_bit_for_bit_in_space() {
+    let kind = BoardKind::Stm32f405;
+    agrees_with_the_virtual_board::<Spatial>(Machine::Stm32f405, kind, TrackerKind::Curved);
+}
+
+#[test]
+fn any_object_tracks_bit_for_bit_in_the_plane() {
+    let kind = BoardKind::Stm32f405;
+    agrees_with_the_virtual_board::<Planar>(Machine::Stm32f405, kind, TrackerKind::Automatic);
+}
+
+#[test]
+fn any_object_tracks_bit_for_bit_in_space() {
+    let kind = BoardKind::Stm32f405;
+    agrees_with_the_virtual_board::<Spatial>(Machine::Stm32f405, kind, TrackerKind::Automatic);
+}
+
+#[test]
 fn the_second_board_tracks_bit_for_bit() {
     agrees_with_the_virtual_board::<Planar>(Machine::Mps2An386, BoardKind::Mps2An386, BOOTSTRAP);
 }
