@@ -77,20 +77,34 @@ const ROUND: f32 = 12_582_912.0;
 /// reach zero. (Cody–Waite reduction and Cephes' polynomial.)
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
-    let x = min(max(x, -87.0), 88.0);
-    let shifted = x * LOG2_E + ROUND;
-    let n = shifted.to_bits().wrapping_sub(ROUND.to_bits());
-    let whole = shifted - ROUND;
-    let r = x - whole * 0.693_359_4;
-    let r = r + whole * 2.121_944_4e-4;
-    let p = 1.987_569_1e-4;
-    let p = p * r + 1.398_199_9e-3;
-    let p = p * r + 8.333_452e-3;
-    let p = p * r + 4.166_579_6e-2;
-    let p = p * r + 1.666_666_5e-1;
-    let p = p * r + 0.5;
-    let y = p * (r * r) + r + 1.0;
-    f32::from_bits(y.to_bits().wrapping_add(n << 23))
+    let [y] = exponentials([min(max(x, -87.0), 88.0)]);
+    y
+}
+
+/// eˣ, as [`exp`], of several x ≤ 0 together.
+#[inline(always)]
+pub fn decays<const N: usize>(x: [f32; N]) -> [f32; N] {
+    exponentials(x.map(|x| max(x, -87.0)))
+}
+
+/// eˣ of several numbers from −87 to 88, step by step together: none waits for what it has just begun.
+#[inline(always)]
+fn exponentials<const N: usize>(x: [f32; N]) -> [f32; N] {
+    const FIRST: f32 = 1.987_569_1e-4;
+    const REST: [f32; 5] = [1.398_199_9e-3, 8.333_452e-3, 4.166_579_6e-2, 1.666_666_5e-1, 0.5];
+    let shifted = x.map(|x| x * LOG2_E + ROUND);
+    let whole = shifted.map(|shifted| shifted - ROUND);
+    let r: [f32; N] = core::array::from_fn(|k| x[k] - whole[k] * 0.693_359_4);
+    let r: [f32; N] = core::array::from_fn(|k| r[k] + whole[k] * 2.121_944_4e-4);
+    let mut p = [FIRST; N];
+    for coefficient in REST {
+        p = core::array::from_fn(|k| p[k] * r[k] + coefficient);
+    }
+    let y: [f32; N] = core::array::from_fn(|k| p[k] * (r[k] * r[k]) + r[k] + 1.0);
+    core::array::from_fn(|k| {
+        let n = shifted[k].to_bits().wrapping_sub(ROUND.to_bits());
+        f32::from_bits(y[k].to_bits().wrapping_add(n << 23))
+    })
 }
 
 /// Natural logarithm of a positive normal number, absolute error below 2·10⁻⁷ + 1.5·10⁻⁷·|ln x|; minus

@@ -1,7 +1,12 @@
 //! An incremental Cholesky factor in packed storage: rows are appended and removed one at a time,
 //! never refactored.
 
+mod products;
+
+use heapless::Vec;
+
 use crate::math;
+use products::{TOGETHER, four_products, products};
 
 /// Numbers in the packed lower triangle of a matrix of `rows` rows: the third const argument of
 /// [`Gpis`](super::Gpis).
@@ -89,13 +94,14 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
         if n + count > ROWS {
             return Err(NotPositiveDefinite);
         }
-        let mut columns = [[0.0; C]; ROWS];
-        let columns = &mut columns[..n];
-        for side in 0..count {
-            let staged = &self.lower[start(n + side)..];
-            columns.iter_mut().zip(staged).for_each(|(x, staged)| x[side] = *staged);
+        // Where there are fewer than C, the last again.
+        let staged = |side: usize| &self.lower[start(n + side.min(count - 1))..][..n];
+        let staged: [&[f32]; C] = core::array::from_fn(staged);
+        let mut columns = Vec::<[f32; C], ROWS>::new();
+        for k in 0..n {
+            let _ = columns.push(staged.map(|row| row[k]));
         }
-        self.forward_together(0, columns);
+        self.forward_together(0, &mut columns);
         for side in 0..count {
             let staged = &mut self.lower[start(n + side)..];
             columns.iter().zip(staged).for_each(|(x, staged)| *staged = x[side]);
@@ -265,21 +271,8 @@ fn forward(lower: &[f32], inverse_diagonal: &[f32], x: &mut [f32]) {
         let l1 = &lower[start(i + 1)..start(i + 1) + i + 2];
         let l2 = &lower[start(i + 2)..start(i + 2) + i + 3];
         let l3 = &lower[start(i + 3)..start(i + 3) + i + 4];
-        let (a0, a1, a2, a3) = (&l0[..i], &l1[..i], &l2[..i], &l3[..i]);
-        // Four partial sums a row: sixteen in flight, or four vectors.
-        let mut sums = [[0.0f32; 4]; 4];
         // i is a multiple of four, and so nothing is left over.
-        let blocks = a0.as_chunks::<4>().0.iter().zip(a1.as_chunks::<4>().0);
-        let blocks = blocks.zip(a2.as_chunks::<4>().0).zip(a3.as_chunks::<4>().0);
-        for ((((l0, l1), l2), l3), v) in blocks.zip(done.as_chunks::<4>().0) {
-            for j in 0..4 {
-                sums[0][j] += l0[j] * v[j];
-                sums[1][j] += l1[j] * v[j];
-                sums[2][j] += l2[j] * v[j];
-                sums[3][j] += l3[j] * v[j];
-            }
-        }
-        let [s0, s1, s2, s3] = sums.map(|[a, b, c, d]| (a + b) + (c + d));
+        let [s0, s1, s2, s3] = four_products([&l0[..i], &l1[..i], &l2[..i], &l3[..i]], done);
         let d = &inverse_diagonal[i..i + 4];
         let y0 = (todo[0] - s0) * d[0];
         let y1 = (todo[1] - s1 - l1[i] * y0) * d[1];
@@ -296,25 +289,6 @@ fn forward(lower: &[f32], inverse_diagonal: &[f32], x: &mut [f32]) {
         todo[0] = (todo[0] - dot(&lower[start(i)..start(i) + i], done)) * inverse_diagonal[i];
         i += 1;
     }
-}
-
-/// Rows of the factor worked on together, so that each x is loaded once for all of them.
-const TOGETHER: usize = 4;
-
-/// Σ lₖ xₖ for each row and each side.
-#[inline]
-fn products<const C: usize>(rows: [&[f32]; TOGETHER], x: &[[f32; C]]) -> [[f32; C]; TOGETHER] {
-    let mut sums = [[0.0f32; C]; TOGETHER];
-    let [l0, l1, l2, l3] = rows;
-    for ((((l0, l1), l2), l3), x) in l0.iter().zip(l1).zip(l2).zip(l3).zip(x) {
-        for c in 0..C {
-            sums[0][c] += l0 * x[c];
-            sums[1][c] += l1 * x[c];
-            sums[2][c] += l2 * x[c];
-            sums[3][c] += l3 * x[c];
-        }
-    }
-    sums
 }
 
 /// Scalar product in four interleaved sums: four multiplications in flight on a Cortex-M4F.

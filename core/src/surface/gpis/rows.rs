@@ -112,19 +112,17 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         if site.slope {
             site.slope_precision = 1.0 / (self.kernel.slope_variance() + slope_noise);
         }
-        self.factorise(site)
+        self.factorise(site, first)
     }
 
-    /// Appends the rows of one site whose noise is in place.
-    pub(super) fn factorise(&mut self, mut site: Site<S>) -> Result<(), NotPositiveDefinite> {
-        let first = self.factor.rows();
-        self.stage(&mut site);
-        for _ in 0..site.rows() {
-            if self.factor.append().is_err() {
-                self.factor.truncate(first);
-                return Err(NotPositiveDefinite);
-            }
-        }
+    /// Appends the rows of one site whose noise is in place, and zero before column `since`.
+    pub(super) fn factorise(
+        &mut self,
+        mut site: Site<S>,
+        since: usize,
+    ) -> Result<(), NotPositiveDefinite> {
+        self.stage(&mut site, since);
+        self.factor.append_together(site.rows())?;
         self.hold(site);
         Ok(())
     }
@@ -135,13 +133,15 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         self.count += 1;
     }
 
-    /// Writes the covariances of a new site's rows, whose noise is in place, into the staged rows.
-    pub(super) fn stage(&mut self, site: &mut Site<S>) {
+    /// Writes the covariances of a new site's rows, whose noise is in place and zero before column
+    /// `since`, into the staged rows.
+    pub(super) fn stage(&mut self, site: &mut Site<S>, since: usize) {
         let first = self.factor.rows();
         site.row = first as u16;
         if site.slope {
+            let kernel = self.kernel;
             for old in 0..self.count {
-                self.stage_cross(site, old);
+                self.stage_cross(&kernel, site, old);
             }
         } else {
             self.stage_value(site);
@@ -153,7 +153,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             row[first + i] =
                 if i == 0 { self.kernel.variance() } else { self.kernel.slope_variance() };
             let noise = &self.noise[packed(first + i)..packed(first + i + 1)];
-            for (k, noise) in row.iter_mut().zip(noise) {
+            for (k, noise) in row.iter_mut().zip(noise).skip(since) {
                 *k += noise;
             }
         }
@@ -161,13 +161,15 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
 
     /// Writes the covariances of a new site of one row with all others into the staged row.
     fn stage_value(&mut self, site: &Site<S>) {
+        // By value: what depends on it alone is then worked out once.
+        let kernel = self.kernel;
         let row = self.factor.stage(0);
         for other in &self.sites[..self.count] {
             let d = site.point - other.point;
             let at = usize::from(other.row);
-            row[at] = self.kernel.value(d.norm_squared());
+            row[at] = kernel.value(d.norm_squared());
             if other.slope {
-                let a = self.kernel.radial(d.norm_squared()).a;
+                let a = kernel.radial(d.norm_squared()).a;
                 for j in 0..S::DIMENSION {
                     row[at + 1 + j] = -a * d[j];
                 }
@@ -178,10 +180,10 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     /// Writes the covariances of the new `site`, with its slopes, and the old one into the staged
     /// rows.
     #[inline]
-    fn stage_cross(&mut self, site: &Site<S>, old: usize) {
+    fn stage_cross(&mut self, kernel: &K, site: &Site<S>, old: usize) {
         let other = &self.sites[old];
         let d = site.point - other.point;
-        let Radial { k, a, b } = self.kernel.radial(d.norm_squared());
+        let Radial { k, a, b } = kernel.radial(d.norm_squared());
         let at = usize::from(other.row);
         let row = self.factor.stage(0);
         row[at] = k;
