@@ -81,15 +81,9 @@ pub fn exp(x: f32) -> f32 {
     y
 }
 
-/// eˣ, as [`exp`], of several x ≤ 0 together.
+/// eˣ, the bits of [`exp`], of several numbers from −87 to 88 together.
 #[inline(always)]
-pub fn decays<const N: usize>(x: [f32; N]) -> [f32; N] {
-    exponentials(x.map(|x| max(x, -87.0)))
-}
-
-/// eˣ of several numbers from −87 to 88, step by step together: none waits for what it has just begun.
-#[inline(always)]
-fn exponentials<const N: usize>(x: [f32; N]) -> [f32; N] {
+pub fn exponentials<const N: usize>(x: [f32; N]) -> [f32; N] {
     const FIRST: f32 = 1.987_569_1e-4;
     const REST: [f32; 5] = [1.398_199_9e-3, 8.333_452e-3, 4.166_579_6e-2, 1.666_666_5e-1, 0.5];
     let shifted = x.map(|x| x * LOG2_E + ROUND);

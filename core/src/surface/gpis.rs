@@ -211,7 +211,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     fn parts<const N: usize>(kernel: &K, sites: &[Site<S>; N], point: S::Vector) -> [f32; N] {
         let d: [S::Vector; N] = from_fn(|n| point - sites[n].point);
         let d2 = d.map(S::Vector::norm_squared);
-        if sites.iter().all(|site| !site.slope) {
+        if K::IS_CHEAPER_ALONE && sites.iter().all(|site| !site.slope) {
             let k = kernel.values(d2);
             return from_fn(|n| sites[n].value_weight * k[n]);
         }

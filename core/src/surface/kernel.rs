@@ -16,6 +16,9 @@ pub trait Kernel: Copy + Send + Sync + 'static {
     /// All zero bits, so that a model can live in `.bss`; not a kernel to work with.
     const UNSET: Self;
 
+    /// Whether k alone takes much less than k and a.
+    const IS_CHEAPER_ALONE: bool = false;
+
     /// k, a and b at the squared distance `r2` (square metres).
     fn radial(&self, r2: f32) -> Radial;
 
@@ -162,8 +165,10 @@ impl Kernel for Matern32 {
     #[inline(always)]
     fn radials<const N: usize>(&self, r2: [f32; N]) -> [Radial; N] {
         let rate = SQRT_3 / self.lengthscale;
-        let r = r2.map(math::sqrt);
-        let e = math::decays(r.map(|r| -rate * r));
+        // Positive numbers compare as their bits do, which are in a core register. Farther away e⁻⁸⁷ is left.
+        let most = (87.0 / rate).to_bits();
+        let r = r2.map(|r2| f32::from_bits(math::sqrt(r2).to_bits().min(most)));
+        let e = math::exponentials(r.map(|r| -rate * r));
         let e = e.map(|e| self.amplitude * self.amplitude * e);
         let a = e.map(|e| -rate * rate * e);
         let k: [f32; N] = core::array::from_fn(|n| (1.0 + rate * r[n]) * e[n]);
@@ -233,6 +238,8 @@ pub struct ThinPlate {
 
 impl Kernel for ThinPlate {
     const UNSET: Self = ThinPlate { amplitude: 0.0, range: 0.0 };
+
+    const IS_CHEAPER_ALONE: bool = true;
 
     #[inline(always)]
     fn radial(&self, r2: f32) -> Radial {

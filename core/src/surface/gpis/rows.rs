@@ -140,8 +140,9 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         site.row = first as u16;
         if site.slope {
             let kernel = self.kernel;
-            for old in 0..self.count {
-                self.stage_cross(&kernel, site, old);
+            let mut rows = self.factor.stage_together();
+            for other in &self.sites[..self.count] {
+                Self::stage_cross(&kernel, site, other, &mut rows);
             }
         } else {
             self.stage_value(site);
@@ -177,28 +178,33 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         }
     }
 
-    /// Writes the covariances of the new `site`, with its slopes, and the old one into the staged
-    /// rows.
+    /// Writes the covariances of the new `site`, with its slopes, and an old one into the staged rows.
     #[inline]
-    fn stage_cross(&mut self, kernel: &K, site: &Site<S>, old: usize) {
-        let other = &self.sites[old];
+    fn stage_cross(
+        kernel: &K,
+        site: &Site<S>,
+        other: &Site<S>,
+        [value, slopes @ ..]: &mut [&mut [f32]; 4],
+    ) {
         let d = site.point - other.point;
         let Radial { k, a, b } = kernel.radial(d.norm_squared());
         let at = usize::from(other.row);
-        let row = self.factor.stage(0);
-        row[at] = k;
+        let row = &mut value[at..at + other.rows()];
+        row[0] = k;
         if other.slope {
+            let row = &mut row[1..][..S::DIMENSION];
             for j in 0..S::DIMENSION {
-                row[at + 1 + j] = -a * d[j];
+                row[j] = -a * d[j];
             }
         }
-        for i in 0..S::DIMENSION {
-            let row = self.factor.stage(1 + i);
-            row[at] = a * d[i];
+        for (i, row) in slopes.iter_mut().enumerate().take(S::DIMENSION) {
+            let row = &mut row[at..at + other.rows()];
+            row[0] = a * d[i];
             if other.slope {
+                let row = &mut row[1..][..S::DIMENSION];
                 for j in 0..S::DIMENSION {
                     let diagonal = if i == j { a } else { 0.0 };
-                    row[at + 1 + j] = -(b * d[i] * d[j] + diagonal);
+                    row[j] = -(b * d[i] * d[j] + diagonal);
                 }
             }
         }
