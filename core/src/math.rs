@@ -77,19 +77,19 @@ const ROUND: f32 = 12_582_912.0;
 /// reach zero. (Cody–Waite reduction and Cephes' polynomial.)
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
-    let [y] = exponentials([min(max(x, -87.0), 88.0)]);
+    let [y] = decays([-min(max(x, -87.0), 88.0)]);
     y
 }
 
-/// eˣ, the bits of [`exp`], of several numbers from −87 to 88 together.
+/// e⁻ᵘ, the bits of [`exp`], of several numbers u from −88 to 87 together.
 #[inline(always)]
-pub fn exponentials<const N: usize>(x: [f32; N]) -> [f32; N] {
+pub fn decays<const N: usize>(u: [f32; N]) -> [f32; N] {
     const FIRST: f32 = 1.987_569_1e-4;
     const REST: [f32; 5] = [1.398_199_9e-3, 8.333_452e-3, 4.166_579_6e-2, 1.666_666_5e-1, 0.5];
-    let shifted = x.map(|x| x * LOG2_E + ROUND);
-    let whole = shifted.map(|shifted| shifted - ROUND);
-    let r: [f32; N] = core::array::from_fn(|k| x[k] - whole[k] * 0.693_359_4);
-    let r: [f32; N] = core::array::from_fn(|k| r[k] + whole[k] * 2.121_944_4e-4);
+    let shifted = u.map(|u| ROUND - u * LOG2_E);
+    let halvings = shifted.map(|shifted| ROUND - shifted);
+    let r: [f32; N] = core::array::from_fn(|k| halvings[k] * 0.693_359_4 - u[k]);
+    let r: [f32; N] = core::array::from_fn(|k| r[k] - halvings[k] * 2.121_944_4e-4);
     let mut p = [FIRST; N];
     for coefficient in REST {
         p = core::array::from_fn(|k| p[k] * r[k] + coefficient);

@@ -168,10 +168,11 @@ impl Kernel for Matern32 {
         // Positive numbers compare as their bits do, which are in a core register. Farther away e⁻⁸⁷ is left.
         let most = (87.0 / rate).to_bits();
         let r = r2.map(|r2| f32::from_bits(math::sqrt(r2).to_bits().min(most)));
-        let e = math::exponentials(r.map(|r| -rate * r));
+        let u = r.map(|r| rate * r);
+        let e = math::decays(u);
         let e = e.map(|e| self.amplitude * self.amplitude * e);
         let a = e.map(|e| -rate * rate * e);
-        let k: [f32; N] = core::array::from_fn(|n| (1.0 + rate * r[n]) * e[n]);
+        let k: [f32; N] = core::array::from_fn(|n| (1.0 + u[n]) * e[n]);
         core::array::from_fn(|n| {
             let b = -a[n] * rate / math::max(r[n], NEAREST);
             Radial { k: k[n], a: a[n], b }
