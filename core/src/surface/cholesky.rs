@@ -6,7 +6,7 @@ mod products;
 use heapless::Vec;
 
 use crate::math;
-use products::{TOGETHER, four_products, products};
+use products::{TOGETHER, four_products, one_product, products};
 
 /// Numbers in the packed lower triangle of a matrix of `rows` rows: the third const argument of
 /// [`Gpis`](super::Gpis).
@@ -83,8 +83,10 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
             return Err(NotPositiveDefinite);
         }
         let (old, staged) = self.lower.split_at_mut(start(n));
-        forward(old, &self.inverse_diagonal[..n], &mut staged[..n]);
-        self.finish(n)
+        let staged = &mut staged[..n];
+        forward(old, &self.inverse_diagonal[..n], staged);
+        let known = dot(staged, staged);
+        self.finish(n, &[known])
     }
 
     /// Appends the first `count` staged rows, one to four, in one pass over the factor; takes four
@@ -116,8 +118,16 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
             let staged = &mut self.lower[start(n + side)..];
             columns.iter().zip(staged).for_each(|(x, staged)| *staged = x[side]);
         }
-        for _ in 0..count {
-            if self.finish(n).is_err() {
+        let mut products = [[0.0; C]; C];
+        for x in &columns {
+            for i in 0..C {
+                for j in 0..=i {
+                    products[i][j] += x[i] * x[j];
+                }
+            }
+        }
+        for own in &products[..count] {
+            if self.finish(n, own).is_err() {
                 self.rows = n;
                 return Err(NotPositiveDefinite);
             }
@@ -125,23 +135,34 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
         Ok(())
     }
 
-    /// Appends the staged row, which is solved before column `solved`.
-    fn finish(&mut self, solved: usize) -> Result<(), NotPositiveDefinite> {
+    /// Appends the staged row, which is solved before column `solved`; the products of what is solved
+    /// with that of the rows from `solved` on, itself last, are `known`.
+    fn finish(&mut self, solved: usize, known: &[f32]) -> Result<(), NotPositiveDefinite> {
         let n = self.rows;
         let (old, rest) = self.lower.split_at_mut(start(n));
-        let row = &mut rest[..n + 1];
-        for k in solved..n {
-            let known = dot(&old[start(k)..start(k) + k], &row[..k]);
-            row[k] = (row[k] - known) * self.inverse_diagonal[k];
+        let row = &mut rest[solved..n + 1];
+        let mut left = 0.0;
+        for (k, known) in (solved..n + 1).zip(known) {
+            let (before, own) = row.split_at_mut(k - solved);
+            left = own[0] - known;
+            if k < n {
+                for (l, x) in old[start(k) + solved..start(k) + k].iter().zip(&*before) {
+                    left -= l * x;
+                }
+                own[0] = left * self.inverse_diagonal[k];
+            } else {
+                for x in &*before {
+                    left -= x * x;
+                }
+            }
         }
-        let variance = row[n];
-        let left = variance - dot(&row[..n], &row[..n]);
+        let variance = row[n - solved];
         // Below this the new number is rounding error, not information.
         if !(left > 1e-7 * variance && variance.is_finite()) {
             return Err(NotPositiveDefinite);
         }
         let diagonal = math::sqrt(left);
-        row[n] = diagonal;
+        row[n - solved] = diagonal;
         self.inverse_diagonal[n] = 1.0 / diagonal;
         self.rows = n + 1;
         Ok(())
@@ -223,6 +244,14 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
         let mut row = rest;
         for i in (0..n).step_by(TOGETHER) {
             let (done, todo) = x[..n].split_at_mut(i);
+            if let [here] = todo {
+                let (row, scale) = (&rest[first..][..i], self.inverse_diagonal[first + i]);
+                let sums = one_product(row, done);
+                for c in 0..C {
+                    here[c] = (here[c] - sums[c]) * scale;
+                }
+                return;
+            }
             // Past the last row the last again.
             let rows: [&[f32]; TOGETHER] = core::array::from_fn(|r| {
                 if i + r < n {

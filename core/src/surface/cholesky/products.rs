@@ -15,8 +15,8 @@ pub(super) fn products<const C: usize>(
     x: &[[f32; C]],
 ) -> [[f32; C]; TOGETHER] {
     #[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
-    if let Some(sums) = cortex_m::products(rows, x) {
-        return sums;
+    if C == 3 || C == 4 {
+        return cortex_m::products(rows, x);
     }
     let mut sums = [[0.0f32; C]; TOGETHER];
     let [l0, l1, l2, l3] = rows;
@@ -26,6 +26,18 @@ pub(super) fn products<const C: usize>(
             sums[1][c] += l1 * x[c];
             sums[2][c] += l2 * x[c];
             sums[3][c] += l3 * x[c];
+        }
+    }
+    sums
+}
+
+/// Σ lₖ xₖ of one row for each side, the bits of [`products`].
+#[inline(always)]
+pub(super) fn one_product<const C: usize>(row: &[f32], x: &[[f32; C]]) -> [f32; C] {
+    let mut sums = [0.0f32; C];
+    for (l, x) in row.iter().zip(x) {
+        for c in 0..C {
+            sums[c] += l * x[c];
         }
     }
     sums
@@ -66,19 +78,16 @@ mod cortex_m {
         rows.iter().fold(columns, |least, row| least.min(row.len())) / size
     }
 
-    /// For three or four sides; others are left to the compiler.
+    /// For three or four sides.
     #[inline(always)]
     pub fn products<const C: usize>(
         rows: [&[f32]; TOGETHER],
         x: &[[f32; C]],
-    ) -> Option<[[f32; C]; TOGETHER]> {
-        if C != 3 && C != 4 {
-            return None;
-        }
+    ) -> [[f32; C]; TOGETHER] {
         // Columns of three are taken four at a time, those of four in pairs.
         let blocks = blocks(&rows, x.len(), if C == 3 { 4 } else { 2 });
         if blocks == 0 {
-            return Some([[0.0; C]; TOGETHER]);
+            return [[0.0; C]; TOGETHER];
         }
         let rows = rows.map(<[f32]>::as_ptr);
         let mut sums = MaybeUninit::<[[f32; C]; TOGETHER]>::uninit();
@@ -90,7 +99,7 @@ mod cortex_m {
             } else {
                 four_sides(rows, x, blocks, out)
             }
-            Some(sums.assume_init())
+            sums.assume_init()
         }
     }
 
