@@ -226,6 +226,7 @@ mod tests {
         assert_eq!(exp(0.0), 1.0);
         assert!(exp(f32::NEG_INFINITY) < 1e-37 && exp(f32::INFINITY).is_finite());
         assert!(exp(f32::NAN).is_finite());
+        assert_eq!(decays([0.0, 1.7, 86.9]), [1.0, exp(-1.7), exp(-86.9)]);
         assert_eq!(ln(1.0), 0.0);
         assert_eq!(ln(0.0), f32::NEG_INFINITY);
         assert_eq!(ln(f32::NAN), f32::NEG_INFINITY);

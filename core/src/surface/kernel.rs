@@ -340,6 +340,8 @@ mod tests {
         assert!((at.k - m.variance()).abs() < 1e-8);
         assert!((at.a + m.slope_variance()).abs() < 1e-4);
         assert!(at.b.is_finite());
+        let far = m.radial(1e6);
+        assert!(far.k >= 0.0 && far.k < 1e-30 && far.a.abs() < 1e-30 && far.b.abs() < 1e-30);
         assert!(ThinPlate { amplitude: 0.1, range: 0.3 }.radial(0.0).b.is_finite());
     }
 }
