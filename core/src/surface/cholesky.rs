@@ -94,6 +94,7 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
     ///
     /// # Errors
     /// As [`append`](Self::append); the factor is as it was.
+    #[inline(always)]
     pub fn append_together(&mut self, count: usize) -> Result<(), NotPositiveDefinite> {
         match count {
             1 => self.append(),
@@ -103,6 +104,7 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
         }
     }
 
+    #[inline(never)]
     fn append_sides<const C: usize>(&mut self, count: usize) -> Result<(), NotPositiveDefinite> {
         let n = self.rows;
         if n + count > ROWS {

@@ -200,7 +200,7 @@ mod tests {
             (Vector([0.05 * cos, 0.03 * sin]), normal)
         };
         let rectangle = |place: usize, along: f32| {
-            let (long, sign) = (place % 2 == 0, if place % 4 < 2 { 1.0 } else { -1.0 });
+            let (long, sign) = (place.is_multiple_of(2), if place % 4 < 2 { 1.0 } else { -1.0 });
             let t = 1.6 * along - 0.8;
             if long {
                 (Vector([0.05 * t, 0.03 * sign]), Vector([0.0, sign]))

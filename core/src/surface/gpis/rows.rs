@@ -122,8 +122,19 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         mut site: Site<S>,
         since: usize,
     ) -> Result<(), NotPositiveDefinite> {
+        let first = self.factor.rows();
         self.stage(&mut site, since);
-        self.factor.append_together(site.rows())?;
+        if S::DIMENSION == 2 {
+            self.factor.append_together(site.rows())?;
+        } else {
+            // One by one: a spatial board's stack has no room for four columns here.
+            for _ in 0..site.rows() {
+                if self.factor.append().is_err() {
+                    self.factor.truncate(first);
+                    return Err(NotPositiveDefinite);
+                }
+            }
+        }
         self.hold(site);
         Ok(())
     }
