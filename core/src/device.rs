@@ -23,8 +23,10 @@ use crate::wire::{
 pub use fingers::Fingers;
 pub use sampling::{Reading, Sample, Scripted, Sensing, Watched};
 pub use trackers::{
-    CANDIDATES, CONTACTS, FINGERS, PlanarDevice, PlanarHypotheses, PlanarHypothesesDevice,
-    PlanarMap, PlanarRaoBlackwell, PlanarRaoBlackwellDevice, PlanarTracker, SpatialDevice,
+    CANDIDATES, CONTACTS, FINGERS, PlanarAutomatic, PlanarAutomaticDevice, PlanarCurved,
+    PlanarCurvedDevice, PlanarCurvedMap, PlanarDevice, PlanarHypotheses, PlanarHypothesesDevice,
+    PlanarMap, PlanarRaoBlackwell, PlanarRaoBlackwellDevice, PlanarTracker, SpatialAutomatic,
+    SpatialAutomaticDevice, SpatialCurved, SpatialCurvedDevice, SpatialCurvedMap, SpatialDevice,
     SpatialHypotheses, SpatialHypothesesDevice, SpatialMap, SpatialRaoBlackwell,
     SpatialRaoBlackwellDevice, SpatialSensingDevice, SpatialTracker,
 };

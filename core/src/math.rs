@@ -77,20 +77,28 @@ const ROUND: f32 = 12_582_912.0;
 /// reach zero. (Cody–Waite reduction and Cephes' polynomial.)
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
-    let x = min(max(x, -87.0), 88.0);
-    let shifted = x * LOG2_E + ROUND;
-    let n = shifted.to_bits().wrapping_sub(ROUND.to_bits());
-    let whole = shifted - ROUND;
-    let r = x - whole * 0.693_359_4;
-    let r = r + whole * 2.121_944_4e-4;
-    let p = 1.987_569_1e-4;
-    let p = p * r + 1.398_199_9e-3;
-    let p = p * r + 8.333_452e-3;
-    let p = p * r + 4.166_579_6e-2;
-    let p = p * r + 1.666_666_5e-1;
-    let p = p * r + 0.5;
-    let y = p * (r * r) + r + 1.0;
-    f32::from_bits(y.to_bits().wrapping_add(n << 23))
+    let [y] = decays([-min(max(x, -87.0), 88.0)]);
+    y
+}
+
+/// e⁻ᵘ, the bits of [`exp`], of several numbers u from −88 to 87 together.
+#[inline(always)]
+pub fn decays<const N: usize>(u: [f32; N]) -> [f32; N] {
+    const FIRST: f32 = 1.987_569_1e-4;
+    const REST: [f32; 5] = [1.398_199_9e-3, 8.333_452e-3, 4.166_579_6e-2, 1.666_666_5e-1, 0.5];
+    let shifted = u.map(|u| ROUND - u * LOG2_E);
+    let halvings = shifted.map(|shifted| ROUND - shifted);
+    let r: [f32; N] = core::array::from_fn(|k| halvings[k] * 0.693_359_4 - u[k]);
+    let r: [f32; N] = core::array::from_fn(|k| r[k] - halvings[k] * 2.121_944_4e-4);
+    let mut p = [FIRST; N];
+    for coefficient in REST {
+        p = core::array::from_fn(|k| p[k] * r[k] + coefficient);
+    }
+    let y: [f32; N] = core::array::from_fn(|k| p[k] * (r[k] * r[k]) + r[k] + 1.0);
+    core::array::from_fn(|k| {
+        let n = shifted[k].to_bits().wrapping_sub(ROUND.to_bits());
+        f32::from_bits(y[k].to_bits().wrapping_add(n << 23))
+    })
 }
 
 /// Natural logarithm of a positive normal number, absolute error below 2·10⁻⁷ + 1.5·10⁻⁷·|ln x|; minus
@@ -218,6 +226,7 @@ mod tests {
         assert_eq!(exp(0.0), 1.0);
         assert!(exp(f32::NEG_INFINITY) < 1e-37 && exp(f32::INFINITY).is_finite());
         assert!(exp(f32::NAN).is_finite());
+        assert_eq!(decays([0.0, 1.7, 86.9]), [1.0, exp(-1.7), exp(-86.9)]);
         assert_eq!(ln(1.0), 0.0);
         assert_eq!(ln(0.0), f32::NEG_INFINITY);
         assert_eq!(ln(f32::NAN), f32::NEG_INFINITY);

@@ -49,8 +49,8 @@ pub trait Coordinates:
     /// Scalar product.
     #[inline(always)]
     fn dot(self, other: Self) -> f32 {
-        let mut sum = 0.0;
-        for i in 0..Self::LEN {
+        let mut sum = self[0] * other[0];
+        for i in 1..Self::LEN {
             sum += self[i] * other[i];
         }
         sum

@@ -124,6 +124,42 @@ fn hypotheses_track_bit_for_bit_in_space() {
 }
 
 #[test]
+fn particles_with_faces_track_bit_for_bit_in_the_plane() {
+    let kind = BoardKind::Stm32f405;
+    agrees_with_the_virtual_board::<Planar>(Machine::Stm32f405, kind, TrackerKind::RaoBlackwell);
+}
+
+#[test]
+fn particles_with_faces_track_bit_for_bit_in_space() {
+    let kind = BoardKind::Stm32f405;
+    agrees_with_the_virtual_board::<Spatial>(Machine::Stm32f405, kind, TrackerKind::RaoBlackwell);
+}
+
+#[test]
+fn curved_objects_track_bit_for_bit_in_the_plane() {
+    let kind = BoardKind::Stm32f405;
+    agrees_with_the_virtual_board::<Planar>(Machine::Stm32f405, kind, TrackerKind::Curved);
+}
+
+#[test]
+fn curved_objects_track_bit_for_bit_in_space() {
+    let kind = BoardKind::Stm32f405;
+    agrees_with_the_virtual_board::<Spatial>(Machine::Stm32f405, kind, TrackerKind::Curved);
+}
+
+#[test]
+fn any_object_tracks_bit_for_bit_in_the_plane() {
+    let kind = BoardKind::Stm32f405;
+    agrees_with_the_virtual_board::<Planar>(Machine::Stm32f405, kind, TrackerKind::Automatic);
+}
+
+#[test]
+fn any_object_tracks_bit_for_bit_in_space() {
+    let kind = BoardKind::Stm32f405;
+    agrees_with_the_virtual_board::<Spatial>(Machine::Stm32f405, kind, TrackerKind::Automatic);
+}
+
+#[test]
 fn the_second_board_tracks_bit_for_bit() {
     agrees_with_the_virtual_board::<Planar>(Machine::Mps2An386, BoardKind::Mps2An386, BOOTSTRAP);
 }
@@ -163,7 +199,7 @@ fn instructions_are_counted() {
     }
     // Counts are exact, so that a loop of known length gives the scale; these bounds are wide.
     let mean = counts[&("thin plate", "mean at a point")];
-    assert!((3_000..10_000).contains(&mean), "{mean}");
+    assert!((2_000..10_000).contains(&mean), "{mean}");
     let updates: Vec<u64> = counts
         .iter()
         .filter(|((_, name), _)| name.contains("grasp update"))
@@ -211,7 +247,7 @@ fn a_map_keeps_near_the_floor_of_its_arithmetic() {
     let limit = Duration::from_secs(120);
     let Some(printed) = unless_missing(cycles::run(&elf, machine, limit)) else { return };
     eprintln!("{printed}");
-    let most = [("append", 3.0), ("mean at", 2.1), ("mean and", 4.0)];
+    let most = [("append", 2.2), ("mean at", 1.6), ("mean and", 4.0)];
     let mut seen = 0;
     for (name, most) in most {
         for line in printed.lines().filter(|line| line.trim().starts_with(name)) {

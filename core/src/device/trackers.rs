@@ -1,6 +1,8 @@
 //! The trackers that boards carry: one size for the plane, one for space, chosen to fit an
 //! STM32F405's memory and time. A virtual board carries the same.
 
+mod curved;
+
 use super::{Device, Onboard};
 use crate::explore::{self, Candidate, Choice, Criterion};
 use crate::math;
@@ -12,6 +14,11 @@ use crate::track::hypotheses::{self, Chart, Disbelief, Hypotheses, ToldFace};
 use crate::track::rao_blackwell::Faceted;
 use crate::track::{Bootstrap, RaoBlackwell};
 use crate::wire::{FaceSummary, Refusal, TrackerKind, WireSpace};
+
+pub use curved::{
+    PlanarAutomatic, PlanarAutomaticDevice, PlanarCurved, PlanarCurvedDevice, PlanarCurvedMap,
+    SpatialAutomatic, SpatialAutomaticDevice, SpatialCurved, SpatialCurvedDevice, SpatialCurvedMap,
+};
 
 /// Standard deviation of the surface about its prior ball, metres.
 const AMPLITUDE: f32 = 0.03;

@@ -1,7 +1,12 @@
 //! An incremental Cholesky factor in packed storage: rows are appended and removed one at a time,
 //! never refactored.
 
+mod products;
+
+use heapless::Vec;
+
 use crate::math;
+use products::{TOGETHER, four_products, one_product, products};
 
 /// Numbers in the packed lower triangle of a matrix of `rows` rows: the third const argument of
 /// [`Gpis`](super::Gpis).
@@ -56,6 +61,18 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
         &mut self.lower[start(row)..start(row + 1)]
     }
 
+    /// The first four [staged](Self::stage) rows at once.
+    pub fn stage_together(&mut self) -> [&mut [f32]; TOGETHER] {
+        let rows = self.rows;
+        let mut rest = &mut self.lower[start(rows)..];
+        core::array::from_fn(|ahead| {
+            let length = if rows + ahead < ROWS { rows + ahead + 1 } else { 0 };
+            let (row, after) = core::mem::take(&mut rest).split_at_mut(length);
+            rest = after;
+            row
+        })
+    }
+
     /// Appends the row staged by [`stage`](Self::stage)`(0)`: about n²/2 multiplications.
     ///
     /// # Errors
@@ -66,8 +83,10 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
             return Err(NotPositiveDefinite);
         }
         let (old, staged) = self.lower.split_at_mut(start(n));
-        forward(old, &self.inverse_diagonal[..n], &mut staged[..n]);
-        self.finish(n)
+        let staged = &mut staged[..n];
+        forward(old, &self.inverse_diagonal[..n], staged);
+        let known = dot(staged, staged);
+        self.finish(n, &[known])
     }
 
     /// Appends the first `count` staged rows, one to four, in one pass over the factor; takes four
@@ -75,6 +94,7 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
     ///
     /// # Errors
     /// As [`append`](Self::append); the factor is as it was.
+    #[inline(always)]
     pub fn append_together(&mut self, count: usize) -> Result<(), NotPositiveDefinite> {
         match count {
             1 => self.append(),
@@ -84,24 +104,32 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
         }
     }
 
+    #[inline(never)]
     fn append_sides<const C: usize>(&mut self, count: usize) -> Result<(), NotPositiveDefinite> {
         let n = self.rows;
         if n + count > ROWS {
             return Err(NotPositiveDefinite);
         }
-        let mut columns = [[0.0; C]; ROWS];
-        let columns = &mut columns[..n];
-        for side in 0..count {
-            let staged = &self.lower[start(n + side)..];
-            columns.iter_mut().zip(staged).for_each(|(x, staged)| x[side] = *staged);
-        }
-        self.forward_together(0, columns);
+        // Where there are fewer than C, the last again.
+        let staged = |side: usize| &self.lower[start(n + side.min(count - 1))..][..n];
+        let staged: [&[f32]; C] = core::array::from_fn(staged);
+        let mut columns = Vec::<[f32; C], ROWS>::new();
+        columns.extend((0..n).map(|k| staged.map(|row| row[k])));
+        self.forward_together(0, &mut columns);
         for side in 0..count {
             let staged = &mut self.lower[start(n + side)..];
             columns.iter().zip(staged).for_each(|(x, staged)| *staged = x[side]);
         }
-        for _ in 0..count {
-            if self.finish(n).is_err() {
+        let mut products = [[0.0; C]; C];
+        for x in &columns {
+            for i in 0..C {
+                for j in 0..=i {
+                    products[i][j] += x[i] * x[j];
+                }
+            }
+        }
+        for own in &products[..count] {
+            if self.finish(n, own).is_err() {
                 self.rows = n;
                 return Err(NotPositiveDefinite);
             }
@@ -109,23 +137,34 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
         Ok(())
     }
 
-    /// Appends the staged row, which is solved before column `solved`.
-    fn finish(&mut self, solved: usize) -> Result<(), NotPositiveDefinite> {
+    /// Appends the staged row, which is solved before column `solved`; the products of what is solved
+    /// with that of the rows from `solved` on, itself last, are `known`.
+    fn finish(&mut self, solved: usize, known: &[f32]) -> Result<(), NotPositiveDefinite> {
         let n = self.rows;
         let (old, rest) = self.lower.split_at_mut(start(n));
-        let row = &mut rest[..n + 1];
-        for k in solved..n {
-            let known = dot(&old[start(k)..start(k) + k], &row[..k]);
-            row[k] = (row[k] - known) * self.inverse_diagonal[k];
+        let row = &mut rest[solved..n + 1];
+        let mut left = 0.0;
+        for (k, known) in (solved..n + 1).zip(known) {
+            let (before, own) = row.split_at_mut(k - solved);
+            left = own[0] - known;
+            if k < n {
+                for (l, x) in old[start(k) + solved..start(k) + k].iter().zip(&*before) {
+                    left -= l * x;
+                }
+                own[0] = left * self.inverse_diagonal[k];
+            } else {
+                for x in &*before {
+                    left -= x * x;
+                }
+            }
         }
-        let variance = row[n];
-        let left = variance - dot(&row[..n], &row[..n]);
+        let variance = row[n - solved];
         // Below this the new number is rounding error, not information.
         if !(left > 1e-7 * variance && variance.is_finite()) {
             return Err(NotPositiveDefinite);
         }
         let diagonal = math::sqrt(left);
-        row[n] = diagonal;
+        row[n - solved] = diagonal;
         self.inverse_diagonal[n] = 1.0 / diagonal;
         self.rows = n + 1;
         Ok(())
@@ -203,21 +242,47 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
     /// which on `x` holds them, one row of them after the other.
     pub fn forward_together<const C: usize>(&self, first: usize, x: &mut [[f32; C]]) {
         let n = self.rows.saturating_sub(first).min(x.len());
+        let mut rest = &self.lower[start(first)..];
+        let mut row = rest;
         for i in (0..n).step_by(TOGETHER) {
             let (done, todo) = x[..n].split_at_mut(i);
+            if let [here] = todo {
+                let (row, scale) = (&rest[first..][..i], self.inverse_diagonal[first + i]);
+                let sums = one_product(row, done);
+                for c in 0..C {
+                    here[c] = (here[c] - sums[c]) * scale;
+                }
+                return;
+            }
             // Past the last row the last again.
-            let row = |r: usize| &self.lower[start(first + (i + r).min(n - 1)) + first..];
-            let rows: [&[f32]; TOGETHER] = core::array::from_fn(row);
-            let sums = products(rows.map(|row| &row[..done.len()]), done);
-            for r in 0..todo.len().min(TOGETHER) {
+            let rows: [&[f32]; TOGETHER] = core::array::from_fn(|r| {
+                if i + r < n {
+                    (row, rest) = rest.split_at(first + i + r + 1);
+                }
+                &row[first..]
+            });
+            let sums = products(rows.map(|row| &row[..i]), done);
+            let diagonal = &self.inverse_diagonal[first + i..];
+            if let ([x0, x1, x2, x3, ..], [d0, d1, d2, d3, ..]) = (&mut *todo, diagonal) {
+                let [_, l1, l2, l3] = rows.map(|row| &row[i..]);
+                let (l1, l2, l3) = (l1[0], [l2[0], l2[1]], [l3[0], l3[1], l3[2]]);
+                for c in 0..C {
+                    let y0 = (x0[c] - sums[0][c]) * d0;
+                    let y1 = (x1[c] - sums[1][c] - l1 * y0) * d1;
+                    let y2 = (x2[c] - sums[2][c] - l2[0] * y0 - l2[1] * y1) * d2;
+                    let y3 = x3[c] - sums[3][c] - l3[0] * y0 - l3[1] * y1 - l3[2] * y2;
+                    (x0[c], x1[c], x2[c], x3[c]) = (y0, y1, y2, y3 * d3);
+                }
+                continue;
+            }
+            for r in 0..todo.len() {
                 let (before, here) = todo.split_at_mut(r);
-                let scale = self.inverse_diagonal[first + i + r];
                 for c in 0..C {
                     let mut rest = here[0][c] - sums[r][c];
                     for (l, x) in rows[r][i..i + r].iter().zip(&*before) {
                         rest -= l * x[c];
                     }
-                    here[0][c] = rest * scale;
+                    here[0][c] = rest * diagonal[r];
                 }
             }
         }
@@ -258,63 +323,38 @@ impl<const ROWS: usize, const PACKED: usize> Default for Cholesky<ROWS, PACKED> 
 #[inline]
 fn forward(lower: &[f32], inverse_diagonal: &[f32], x: &mut [f32]) {
     let n = x.len();
-    let mut i = 0;
-    while i + 4 <= n {
+    let mut rest = lower;
+    for i in (0..n).step_by(TOGETHER) {
         let (done, todo) = x.split_at_mut(i);
-        let l0 = &lower[start(i)..start(i) + i + 1];
-        let l1 = &lower[start(i + 1)..start(i + 1) + i + 2];
-        let l2 = &lower[start(i + 2)..start(i + 2) + i + 3];
-        let l3 = &lower[start(i + 3)..start(i + 3) + i + 4];
-        let (a0, a1, a2, a3) = (&l0[..i], &l1[..i], &l2[..i], &l3[..i]);
-        // Four partial sums a row: sixteen in flight, or four vectors.
-        let mut sums = [[0.0f32; 4]; 4];
-        // i is a multiple of four, and so nothing is left over.
-        let blocks = a0.as_chunks::<4>().0.iter().zip(a1.as_chunks::<4>().0);
-        let blocks = blocks.zip(a2.as_chunks::<4>().0).zip(a3.as_chunks::<4>().0);
-        for ((((l0, l1), l2), l3), v) in blocks.zip(done.as_chunks::<4>().0) {
-            for j in 0..4 {
-                sums[0][j] += l0[j] * v[j];
-                sums[1][j] += l1[j] * v[j];
-                sums[2][j] += l2[j] * v[j];
-                sums[3][j] += l3[j] * v[j];
-            }
-        }
-        let [s0, s1, s2, s3] = sums.map(|[a, b, c, d]| (a + b) + (c + d));
-        let d = &inverse_diagonal[i..i + 4];
-        let y0 = (todo[0] - s0) * d[0];
-        let y1 = (todo[1] - s1 - l1[i] * y0) * d[1];
-        let y2 = (todo[2] - s2 - l2[i] * y0 - l2[i + 1] * y1) * d[2];
-        let y3 = (todo[3] - s3 - l3[i] * y0 - l3[i + 1] * y1 - l3[i + 2] * y2) * d[3];
-        todo[0] = y0;
-        todo[1] = y1;
-        todo[2] = y2;
-        todo[3] = y3;
-        i += 4;
+        let ([x0, x1, x2, x3, ..], [d0, d1, d2, d3, ..]) = (todo, &inverse_diagonal[i..]) else {
+            break;
+        };
+        let rows: [&[f32]; TOGETHER];
+        (rows, rest) = four_rows(rest, i);
+        let [s0, s1, s2, s3] = four_products(rows.map(|row| &row[..i]), done);
+        let [_, l1, l2, l3] = rows.map(|row| &row[i..]);
+        let y0 = (*x0 - s0) * d0;
+        let y1 = (*x1 - s1 - l1[0] * y0) * d1;
+        let y2 = (*x2 - s2 - l2[0] * y0 - l2[1] * y1) * d2;
+        let y3 = (*x3 - s3 - l3[0] * y0 - l3[1] * y1 - l3[2] * y2) * d3;
+        (*x0, *x1, *x2, *x3) = (y0, y1, y2, y3);
     }
-    while i < n {
+    for i in n - n % TOGETHER..n {
         let (done, todo) = x.split_at_mut(i);
         todo[0] = (todo[0] - dot(&lower[start(i)..start(i) + i], done)) * inverse_diagonal[i];
-        i += 1;
     }
 }
 
-/// Rows of the factor worked on together, so that each x is loaded once for all of them.
-const TOGETHER: usize = 4;
-
-/// Σ lₖ xₖ for each row and each side.
-#[inline]
-fn products<const C: usize>(rows: [&[f32]; TOGETHER], x: &[[f32; C]]) -> [[f32; C]; TOGETHER] {
-    let mut sums = [[0.0f32; C]; TOGETHER];
-    let [l0, l1, l2, l3] = rows;
-    for ((((l0, l1), l2), l3), x) in l0.iter().zip(l1).zip(l2).zip(l3).zip(x) {
-        for c in 0..C {
-            sums[0][c] += l0 * x[c];
-            sums[1][c] += l1 * x[c];
-            sums[2][c] += l2 * x[c];
-            sums[3][c] += l3 * x[c];
-        }
-    }
-    sums
+/// Rows `i` to `i` + 3, which begin here, and what follows them.
+#[inline(always)]
+fn four_rows(lower: &[f32], i: usize) -> ([&[f32]; TOGETHER], &[f32]) {
+    let mut rest = lower;
+    let rows = core::array::from_fn(|r| {
+        let row;
+        (row, rest) = rest.split_at(i + r + 1);
+        row
+    });
+    (rows, rest)
 }
 
 /// Scalar product in four interleaved sums: four multiplications in flight on a Cortex-M4F.

@@ -14,7 +14,8 @@ mod firmware {
     use cortex_m_semihosting::{debug, hprintln};
     use tactile_core::contact::{Contact, GraspView};
     use tactile_core::device::{
-        Onboard, PlanarHypotheses, PlanarTracker, SpatialHypotheses, SpatialTracker,
+        Onboard, PlanarCurved, PlanarHypotheses, PlanarRaoBlackwell, PlanarTracker, SpatialCurved,
+        SpatialHypotheses, SpatialRaoBlackwell, SpatialTracker,
     };
     use tactile_core::explore::{Candidate, Criterion, Stroke};
     use tactile_core::matrix::{Coordinates, Vector};
@@ -198,13 +199,14 @@ mod firmware {
         })
     }
 
-    /// Sixteen grasps of a box that slips by the thesis' noise: the updates' mean and longest.
+    /// Sixteen grasps of a box that slips by the thesis' noise: the updates' mean and longest. Where it
+    /// is in the end.
     #[inline(never)]
     fn follow<S: tactile_core::wire::WireSpace, T: Onboard<S>>(
         counter: &Counter,
         name: &str,
         tracker: &mut T,
-    ) {
+    ) -> S::Pose {
         let mut random = Random::new(3);
         tracker.prepare();
         tracker.set_motion_noise(MotionNoise::THESIS);
@@ -226,7 +228,7 @@ mod firmware {
         hprintln!("{} tracker, {} in all, 16 grasps of a box:", name, T::PARTICLES);
         print("  grasp update, 5 contacts, mean", (sum / 16) as u32);
         print("  grasp update, 5 contacts, longest", longest);
-        choose::<S, _>(counter, &pose, tracker);
+        pose
     }
 
     #[cortex_m_rt::entry]
@@ -236,14 +238,24 @@ mod firmware {
         static mut SPATIAL: SpatialTracker = SpatialTracker::new(Truncated::new());
         static mut PLANAR_HYPOTHESES: PlanarHypotheses = PlanarHypotheses::new();
         static mut SPATIAL_HYPOTHESES: SpatialHypotheses = SpatialHypotheses::new();
+        static mut PLANAR_PARTICLES: PlanarRaoBlackwell = PlanarRaoBlackwell::new();
+        static mut SPATIAL_PARTICLES: SpatialRaoBlackwell = SpatialRaoBlackwell::new();
+        static mut PLANAR_CURVED: PlanarCurved = PlanarCurved::new(Gpis::new());
+        static mut SPATIAL_CURVED: SpatialCurved = SpatialCurved::new(Gpis::new());
         Selected::start();
         let counter = Counter::new();
         hprintln!("instructions, Cortex-M4F, counted by QEMU");
         thin_plate(&counter, PLATE);
         update::<Planar, _, _>(&counter, "planar", PLANAR);
         update::<Spatial, _, _>(&counter, "spatial", SPATIAL);
-        follow::<Planar, _>(&counter, "planar hypotheses", PLANAR_HYPOTHESES);
-        follow::<Spatial, _>(&counter, "spatial hypotheses", SPATIAL_HYPOTHESES);
+        let pose = follow::<Planar, _>(&counter, "planar hypotheses", PLANAR_HYPOTHESES);
+        choose::<Planar, _>(&counter, &pose, PLANAR_HYPOTHESES);
+        let pose = follow::<Spatial, _>(&counter, "spatial hypotheses", SPATIAL_HYPOTHESES);
+        choose::<Spatial, _>(&counter, &pose, SPATIAL_HYPOTHESES);
+        follow::<Planar, _>(&counter, "planar rao-blackwell", PLANAR_PARTICLES);
+        follow::<Spatial, _>(&counter, "spatial rao-blackwell", SPATIAL_PARTICLES);
+        follow::<Planar, _>(&counter, "planar curved", PLANAR_CURVED);
+        follow::<Spatial, _>(&counter, "spatial curved", SPATIAL_CURVED);
         loop {
             debug::exit(debug::EXIT_SUCCESS);
         }

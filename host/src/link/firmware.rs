@@ -98,11 +98,17 @@ impl Machine {
 }
 
 /// Every image with a tracker: its name, the dimension and how it follows the object.
-pub const IMAGES: [(&str, usize, TrackerKind); 6] = [
+pub const IMAGES: [(&str, usize, TrackerKind); 12] = [
     ("planar", 2, TrackerKind::Bootstrap),
     ("spatial", 3, TrackerKind::Bootstrap),
     ("planar-hypotheses", 2, TrackerKind::Hypotheses),
     ("spatial-hypotheses", 3, TrackerKind::Hypotheses),
+    ("planar-rao-blackwell", 2, TrackerKind::RaoBlackwell),
+    ("spatial-rao-blackwell", 3, TrackerKind::RaoBlackwell),
+    ("planar-curved", 2, TrackerKind::Curved),
+    ("spatial-curved", 3, TrackerKind::Curved),
+    ("planar-automatic", 2, TrackerKind::Automatic),
+    ("spatial-automatic", 3, TrackerKind::Automatic),
     (SENSING, 3, TrackerKind::Hypotheses),
     (GAUGES, 3, TrackerKind::Hypotheses),
 ];

@@ -5,8 +5,9 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use tactile_core::device::{
-    Board, Device, Onboard, PlanarDevice, PlanarHypothesesDevice, PlanarRaoBlackwellDevice,
-    Scripted, SpatialDevice, SpatialHypothesesDevice, SpatialRaoBlackwellDevice,
+    Board, Device, Onboard, PlanarAutomaticDevice, PlanarCurvedDevice, PlanarDevice,
+    PlanarHypothesesDevice, PlanarRaoBlackwellDevice, Scripted, SpatialAutomaticDevice,
+    SpatialCurvedDevice, SpatialDevice, SpatialHypothesesDevice, SpatialRaoBlackwellDevice,
     SpatialSensingDevice, Vitals,
 };
 use tactile_core::wire::{BoardKind, TrackerKind, WireSpace};
@@ -67,6 +68,10 @@ pub fn start(dimension: usize, tracker: TrackerKind) -> Option<Box<dyn Link>> {
         (3, TrackerKind::Hypotheses) => on(SpatialHypothesesDevice::START),
         (2, TrackerKind::RaoBlackwell) => on(PlanarRaoBlackwellDevice::START),
         (3, TrackerKind::RaoBlackwell) => on(SpatialRaoBlackwellDevice::START),
+        (2, TrackerKind::Curved) => on(PlanarCurvedDevice::START),
+        (3, TrackerKind::Curved) => on(SpatialCurvedDevice::START),
+        (2, TrackerKind::Automatic) => on(PlanarAutomaticDevice::START),
+        (3, TrackerKind::Automatic) => on(SpatialAutomaticDevice::START),
         _ => None,
     }
 }
@@ -120,8 +125,10 @@ mod tests {
     fn boards_carry_the_tracker_they_are_started_with() {
         let object: ObjectSpec = "rectangle:0.10x0.06".parse().unwrap();
         let log = simulate(&Options { grasps: Some(4), ..Options::new(object) }).unwrap().log;
-        use TrackerKind::{Bootstrap, Curved, Hypotheses, RaoBlackwell};
-        for (tracker, particles) in [(Bootstrap, 250), (RaoBlackwell, 64), (Hypotheses, 4)] {
+        use TrackerKind::{Automatic, Bootstrap, Curved, Hypotheses, RaoBlackwell};
+        let trackers =
+            [(Bootstrap, 250), (RaoBlackwell, 64), (Hypotheses, 4), (Curved, 4), (Automatic, 8)];
+        for (tracker, particles) in trackers {
             let board = start(2, tracker).unwrap();
             let mut session = Session::<Planar, _>::open(board, Patience::default()).unwrap();
             assert_eq!(session.hello().map(|h| h.tracker), Some(tracker));
@@ -130,6 +137,5 @@ mod tests {
             assert_eq!((outcome.hello.particles, outcome.poses().len()), (particles, 4));
         }
         assert!(start(4, Bootstrap).is_none() && start(1, RaoBlackwell).is_none());
-        assert!(start(2, Curved).is_none());
     }
 }

@@ -436,7 +436,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
                 later.row -= site.rows() as u16;
             }
             // K + Σ is positive definite and was a moment ago; else the site is lost.
-            let _ = self.factorise(site);
+            let _ = self.factorise(site, 0);
         }
     }
 }

@@ -48,7 +48,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         if site.slope {
             site.slope_precision = 1.0 / (self.kernel.slope_variance() + slope_noise);
         }
-        self.stage(&mut site);
+        self.stage(&mut site, shared.since.min(first));
         if self.factor.append_together(count).is_err() {
             return 0;
         }

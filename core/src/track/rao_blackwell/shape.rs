@@ -167,6 +167,8 @@ impl<S: Faceted> Plane<S> {
         share: 0.0,
     };
 
+    /// Never inlined: within [`Shape::view`] LLVM 22's register allocator crashes on it for Cortex-M4F.
+    #[inline(never)]
     fn of(face: &Face<S>) -> Self {
         Plane {
             face: *face,

@@ -1,0 +1,4 @@
+//! A board that tracks in the plane with particles that own their faces: frames in, frames out, for ever.
+#![cfg_attr(target_os = "none", no_std, no_main)]
+
+tactile_firmware::image!(PlanarRaoBlackwellDevice);
