@@ -295,7 +295,7 @@ pub(super) fn connect(
 ) -> Result<Box<dyn Link>, Error> {
     let name = tracker.name();
     let none = || Error::Input(format!("--tracker {name}: no board carries it in {dimension}D"));
-    let tracker = tracker.on_board().ok_or_else(none)?;
+    let tracker = tracker.on_board();
     match port {
         Port::Virtual => virtual_board::start(dimension, tracker).ok_or_else(none),
         Port::Tcp(address) => Tcp::connect(address, CONNECT)
@@ -329,7 +329,7 @@ fn converse<S: Bridge + WireSpace>(
     let start = Instant::now();
     let session = Session::<S, _>::open(link, Patience::default()).map_err(Error::failure)?;
     let wanted = args.tracker.on_board();
-    if let Some(hello) = session.hello().filter(|h| Some(h.tracker) != wanted) {
+    if let Some(hello) = session.hello().filter(|h| h.tracker != wanted) {
         let name = args.tracker.name();
         let message = format!("--tracker {name}: the board was built with {:?}", hello.tracker);
         return Err(Error::Input(message));

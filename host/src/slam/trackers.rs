@@ -40,13 +40,14 @@ impl Kind {
         }
     }
 
-    /// The same on a board; `None` where boards carry no such tracker.
-    pub fn on_board(self) -> Option<TrackerKind> {
+    /// The same on a board.
+    pub fn on_board(self) -> TrackerKind {
         match self {
-            Kind::Bootstrap => Some(TrackerKind::Bootstrap),
-            Kind::Hypotheses => Some(TrackerKind::Hypotheses),
-            Kind::RaoBlackwell => Some(TrackerKind::RaoBlackwell),
-            Kind::Curved | Kind::Automatic => None,
+            Kind::Bootstrap => TrackerKind::Bootstrap,
+            Kind::Hypotheses => TrackerKind::Hypotheses,
+            Kind::RaoBlackwell => TrackerKind::RaoBlackwell,
+            Kind::Curved => TrackerKind::Curved,
+            Kind::Automatic => TrackerKind::Automatic,
         }
     }
 

@@ -26,9 +26,10 @@ const NUDGE: f64 = 1e-6;
 
 impl Body {
     /// The same body cut by planes beyond the outermost contacts until it is closed: first along the
-    /// `undecided` directions, then always where it reaches furthest. How far out the planes lie is
-    /// a guess, and a mode: of contacts spread evenly over a length the last is as far from its end
-    /// as they are from each other.
+    /// `undecided` directions, then opposite its planes, then always where it reaches furthest: most
+    /// sides have one parallel to them, and a corner closed by a single plane across it is a spike.
+    /// How far out the planes lie is a guess, and a mode: of contacts spread evenly over a length the
+    /// last is as far from its end as they are from each other.
     pub(super) fn closed(
         mut self,
         dimension: usize,
@@ -68,14 +69,26 @@ impl Body {
         }
         let directions = directions(dimension);
         for _ in 0..MOST {
-            let depths = directions.iter().map(|normal| (depth(&self, normal, OPEN), normal));
-            let Some((depth, normal)) = depths.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
-            if !(depth > 0.0) {
+            let deepest = |directions: &[Point]| {
+                let depths = directions.iter().map(|normal| (depth(&self, normal, OPEN), *normal));
+                depths.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(depth, _)| *depth > 0.0)
+            };
+            let Some((_, normal)) = deepest(&self.opposite()).or_else(|| deepest(&directions))
+            else {
                 break;
-            }
-            end(&mut self, *normal);
+            };
+            end(&mut self, normal);
         }
         self
+    }
+
+    /// Normals of the sides that its planes would have across from them.
+    fn opposite(&self) -> Vec<Point> {
+        let opposite = |part: &Part| match part {
+            Part::Plane(plane) => Some(-plane.normal),
+            _ => None,
+        };
+        self.parts.iter().filter_map(opposite).collect()
     }
 
     /// How likely it is that contacts anywhere on the surface leave as large a part of it bare as these

@@ -23,10 +23,12 @@ const TRIAL: usize = 6;
 /// Most planes that cut a quadric.
 const CUTS: usize = 6;
 
-/// Numbers measured per parameter from which a cut quadric or a superquadric is more than a guess, and
-/// a quadric, which leaves less open.
+/// Numbers measured per parameter from which a cut quadric is more than a guess; a quadric, which
+/// leaves less open; and a superquadric, whose sizes and exponents are held to likely ones from the
+/// start.
 const DECIDED: f64 = 2.5;
 const DECIDED_QUADRIC: f64 = 2.0;
+const DECIDED_SUPERQUADRIC: f64 = 1.35;
 
 /// Sides that are doubtful, per contact, up to which planes are: felt once or not at all.
 const DOUBTFUL: f64 = 0.5;
@@ -131,11 +133,11 @@ impl Body {
     }
 
     /// The superquadric that fits best. `None` where [`Superquadric::fit`] finds none, or when fewer
-    /// than two and a half numbers were measured per parameter.
+    /// than 1.35 numbers were measured per parameter: five contacts with normals measure more.
     pub fn superquadric(dimension: usize, contacts: &[Contact]) -> Option<Body> {
         let found = Superquadric::fit(dimension, contacts).ok()?;
         let parameters = found.neighbours().len() as f64;
-        if found.misfit().degrees < (DECIDED - 1.0) * parameters {
+        if found.misfit().degrees < (DECIDED_SUPERQUADRIC - 1.0) * parameters {
             return None;
         }
         let mode = |(more, less, scale): (Form, Form, f64)| Mode {

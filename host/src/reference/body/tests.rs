@@ -141,6 +141,32 @@ fn what_contacts_leave_open_is_closed_beyond_them() {
     }
 }
 
+/// A corner of a block, its three sides felt three times each: across from them lie parallel ones, not
+/// one that cuts across all three axes far away.
+#[test]
+fn a_corner_is_closed_like_a_block() {
+    let side = |axis: usize, u: f64, v: f64| {
+        let mut point = Point::zeros();
+        (point[axis], point[(axis + 1) % 3], point[(axis + 2) % 3]) = (0.03, u, v);
+        let normal = Some(Point::ith(axis, 1.0));
+        Contact { point, normal, point_deviation: 1e-3, normal_deviation: 0.05 }
+    };
+    let places = [(-0.03, 0.01), (0.02, -0.025), (0.01, 0.02)];
+    let contacts: Vec<Contact> =
+        (0..3).flat_map(|axis| places.map(|(u, v)| side(axis, u, v))).collect();
+    let sides = (0..3).map(|axis| Plane { normal: Point::ith(axis, 1.0), offset: 0.03 });
+    let parts = sides.map(Part::Plane).collect();
+    let corner = Body { parts, modes: vec![], oddity: 0.0, chi_squared: 0.0, degrees: 0.0 };
+    let body = corner.closed(3, &contacts, &[]);
+    assert_eq!(body.parts().len(), 6);
+    for axis in 0..3 {
+        assert!(body.value(&(Point::ith(axis, -0.045))) > 0.0);
+        let along = Point::ith((axis + 1) % 3, 0.025) + Point::ith((axis + 2) % 3, -0.03);
+        assert!(body.value(&(along - Point::ith(axis, 0.05))) > 0.0);
+        assert!(body.value(&(along - Point::ith(axis, 0.025))) < 0.0);
+    }
+}
+
 /// Touches in the plane: places (millimetres) and the normals' angles (degrees).
 fn touches(all: &[(f64, f64, f64)]) -> Vec<Contact> {
     let touch = |(x, y, angle): &(f64, f64, f64)| {
