@@ -231,6 +231,8 @@ mod firmware {
         pose
     }
 
+    // `entry` makes an argument of each static.
+    #[allow(clippy::too_many_arguments)]
     #[cortex_m_rt::entry]
     fn main() -> ! {
         static mut PLATE: Plate = Plate::new();
