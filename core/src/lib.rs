@@ -19,7 +19,7 @@
 //! Arithmetic is `f32` and uses only the operations of [`math`], without fused multiply-add, so the
 //! same input gives the same bits on x86-64 and on a Cortex-M4F.
 #![no_std]
-#![deny(unsafe_code)] // only `math` allows it, for the FPU's square root
+#![deny(unsafe_code)] // only `math` (the FPU's square root) and `surface::cholesky::products` (assembly) allow it
 
 #[cfg(test)]
 extern crate std;

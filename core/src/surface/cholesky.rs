@@ -242,6 +242,9 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
     /// which on `x` holds them, one row of them after the other.
     pub fn forward_together<const C: usize>(&self, first: usize, x: &mut [[f32; C]]) {
         let n = self.rows.saturating_sub(first).min(x.len());
+        if n == 0 {
+            return;
+        }
         let mut rest = &self.lower[start(first)..];
         let mut row = rest;
         for i in (0..n).step_by(TOGETHER) {

@@ -1,5 +1,6 @@
 use super::*;
 use proptest::prelude::*;
+use std::vec;
 use std::vec::Vec;
 
 const N: usize = 13;
@@ -132,6 +133,16 @@ fn refuses_what_is_not_positive_definite() {
         f.stage(0).copy_from_slice(&bad);
         assert_eq!(f.append(), Err(NotPositiveDefinite));
         assert_eq!(f.rows(), 1);
+    }
+}
+
+#[test]
+fn rows_that_do_not_exist_solve_nothing() {
+    let f = factor(&[vec![2.0]]);
+    for first in [1, N, N + 1, 1_000] {
+        let mut x = [[1.0, 2.0, 3.0]];
+        f.forward_together(first, &mut x);
+        assert_eq!(x, [[1.0, 2.0, 3.0]]);
     }
 }
 
