@@ -14,6 +14,9 @@ use tactile_host::log::GraspLog;
 use tactile_tests::{Sample, board, unless_missing};
 
 const GRASPS: usize = 12;
+/// Nothing but a lost greeting is said twice, however busy the machine is that emulates.
+const PATIENT: Patience =
+    Patience { reply: Duration::from_secs(10), update: Duration::from_secs(60), attempts: 10 };
 const BOOTSTRAP: TrackerKind = TrackerKind::Bootstrap;
 
 fn run<S: Sample>(link: impl Link, patience: Patience) -> LogOutcome<S> {
@@ -48,7 +51,7 @@ fn agrees_with_the_virtual_board<S: Sample>(
     tracker: TrackerKind,
 ) {
     let Some((elf, emulated)) = board::<S>(machine, tracker) else { return };
-    let emulated = run::<S>(emulated, Patience::default());
+    let emulated = run::<S>(emulated, PATIENT);
     let here = run::<S>(virtual_board::start(S::DIMENSION, tracker).unwrap(), Patience::default());
     assert_eq!(bits(&emulated), bits(&here));
     assert!(emulated.grasps[1..].iter().all(|g| g.estimate.corrected()));
@@ -85,10 +88,8 @@ fn faces_agree_with_the_virtual_board<S: Sample>() {
     let Some((_, emulated)) = board::<S>(Machine::Stm32f405, BOOTSTRAP) else { return };
     let log = S::flat(2 * GRASPS);
     let here = virtual_board::start(S::DIMENSION, BOOTSTRAP).unwrap();
-    let [emulated, here] = [
-        follow::<S>(&log, emulated, Patience::default()),
-        follow::<S>(&log, here, Patience::default()),
-    ];
+    let [emulated, here] =
+        [follow::<S>(&log, emulated, PATIENT), follow::<S>(&log, here, Patience::default())];
     assert_eq!(bits(&emulated), bits(&here));
     let contacts: usize = log.grasps.iter().map(|g| g.contacts.len()).sum();
     assert!(contacts > 2 * usize::from(here.hello.map));

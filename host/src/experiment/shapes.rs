@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use crate::experiment::Spread;
 use crate::experiment::model::Model;
+use crate::experiment::proportion::Proportion;
 use crate::quantity::Deviation;
 use crate::reference::Contact;
 use crate::shape::cloud::Cloud;
@@ -83,6 +84,9 @@ pub struct Cell {
     pub mean_mm: Option<Spread>,
     /// Root mean square distance likewise.
     pub rms_mm: Option<Spread>,
+    /// Of the runs in which both gave a shape, those in which `auto` has the smaller Hausdorff distance:
+    /// where half of them is within the interval, neither is known to be better.
+    pub auto_closer: Proportion,
 }
 
 /// One object with one number of contacts.
@@ -207,7 +211,9 @@ fn compare(
         .into_par_iter()
         .map(|seed| one(truth, &Options { seed, ..options.clone() }))
         .collect::<Result<_, _>>()?;
+    let auto = MODELS.iter().position(|m| *m == Model::Auto);
     let cells = MODELS.iter().enumerate().map(|(i, model)| {
+        let closer = |r: &Run| Some(r.distances[auto?]?.hausdorff < r.distances[i]?.hausdorff);
         let got: Vec<_> = runs.iter().filter_map(|r| r.distances[i]).collect();
         let spread = |f: fn(&metrics::Distances) -> f64| Spread::of(got.iter().map(|d| 1e3 * f(d)));
         Cell {
@@ -216,6 +222,7 @@ fn compare(
             hausdorff_mm: spread(|d| d.hausdorff),
             mean_mm: spread(|d| d.mean),
             rms_mm: spread(|d| d.rms),
+            auto_closer: Proportion::of(runs.iter().filter_map(closer)),
         }
     });
     let chosen: Vec<bool> = runs.iter().filter_map(|r| r.chosen).collect();
@@ -264,12 +271,12 @@ impl Row {
 
     /// The other model with the least median Hausdorff distance, millimetres, among those with
     /// `names` that gave as many shapes as `auto`: fewer would be the easier ones.
-    fn best(&self, names: impl Fn(&str) -> bool) -> Option<(&'static str, f64)> {
+    fn best(&self, names: impl Fn(&str) -> bool) -> Option<(&Cell, f64)> {
         let runs = self.cell(Model::Auto.name())?.runs.0;
         let rivals = self.cells.iter().filter(|c| c.model != Model::Auto.name() && names(c.model));
         rivals
             .filter(|c| c.runs.0 >= runs)
-            .filter_map(|c| Some((c.model, c.hausdorff_mm?.median)))
+            .filter_map(|c| Some((c, c.hausdorff_mm?.median)))
             .min_by(|a, b| a.1.total_cmp(&b.1))
     }
 }
@@ -278,14 +285,19 @@ impl Row {
 const EQUAL: f64 = 0.01;
 
 impl Comparison {
-    /// Rows on which another of the models with `names` has a smaller median than `auto`, in words.
+    /// Rows on which another of the models with `names` has a smaller median than `auto`, in words, and on
+    /// how many of their seeds `auto` is the closer one.
     fn beaten(&self, names: impl Fn(&str) -> bool + Copy) -> Vec<String> {
         let beaten = self.rows.iter().filter_map(|row| {
-            let (name, best) = row.best(names)?;
+            let (rival, best) = row.best(names)?;
             let auto = row.auto().unwrap_or(f64::INFINITY);
             (auto > best + EQUAL).then(|| {
                 let Row { object, contacts, .. } = row;
-                format!("{object} with {contacts}: {auto:.2} mm, {name} {best:.2} mm")
+                let Cell { model, auto_closer, .. } = rival;
+                format!(
+                    "{object} with {contacts}: {auto:.2} mm, {model} {best:.2} mm; auto closer in \
+                     {auto_closer} of the runs"
+                )
             })
         });
         beaten.collect()
@@ -368,9 +380,12 @@ mod tests {
         for name in ["auto", "gp", "superquadric", "Nagata", "occupancy", "cloud"] {
             let cell = row.cell(name).unwrap();
             assert_eq!(cell.runs, (2, 2), "{name}");
+            assert_eq!(cell.auto_closer.of, 2, "{name}");
             let (hausdorff, mean) = (cell.hausdorff_mm.unwrap(), cell.mean_mm.unwrap());
             assert!(hausdorff.median > mean.median && mean.median > 0.0, "{name}");
         }
+        assert_eq!(row.cell("auto").unwrap().auto_closer.successes, 0);
+        assert_eq!(row.cell("cloud").unwrap().auto_closer.successes, 2);
         // Three contacts make neither a closed polytope nor a superquadric.
         let few = run(None, &selection("rectangle", 3), |_| {}).unwrap();
         let cell = few.rows[0].cell("superquadric").unwrap();
@@ -386,6 +401,7 @@ mod tests {
             hausdorff_mm: Spread::of([median]),
             mean_mm: None,
             rms_mm: None,
+            auto_closer: Proportion { successes: 1, of: 4 },
         };
         let row = |auto, faces, faces_runs| Comparison {
             title: String::new(),
@@ -404,7 +420,10 @@ mod tests {
         };
         assert!(row(2.0, 1.0, 3).beaten(|_| true).is_empty());
         let beaten = row(2.0, 1.0, 4).beaten(|_| true);
-        assert_eq!(beaten, ["thing with 9: 2.00 mm, faces 1.00 mm"]);
+        assert_eq!(
+            beaten,
+            ["thing with 9: 2.00 mm, faces 1.00 mm; auto closer in 25 % [5, 70] of the runs"]
+        );
         assert!(row(2.0, 1.0, 4).beaten(|n| n == "thesis SE").is_empty());
         assert_eq!(row(3.5, 4.0, 4).beaten(|n| n == "thesis SE").len(), 1);
     }

@@ -12,8 +12,13 @@
 //! of [`COARSE`] spacings and the field climbs to it more than [`SAFETY`] times as steeply as
 //! anywhere between the nodes around: no Gaussian process does whose lengthscale spans that cell.
 
+mod cells;
+
+use std::ops::Range;
+
 use super::Field;
 use super::lattice::{Lattice, Samples, values_at};
+use cells::{Cell, Cells, Form, combinations};
 
 /// Spacings between neighbouring nodes of the coarse lattice; a power of two.
 const COARSE: usize = 4;
@@ -21,75 +26,9 @@ const COARSE: usize = 4;
 /// How much steeper the field may be within a cell than between the nodes around it.
 const SAFETY: f64 = 1.5;
 
-/// A box of the lattice between two nodes; flat along axes the lattice does not have.
-#[derive(Clone, Copy)]
-struct Cell {
-    low: [usize; 3],
-    high: [usize; 3],
-    /// The greatest slope the field is believed to have within, metres per spacing.
-    steepest: f64,
-}
-
-impl Cell {
-    /// Its eight corners, some of them equal where it is flat.
-    fn corners(&self) -> [[usize; 3]; 8] {
-        let ([a, b, c], [x, y, z]) = (self.low, self.high);
-        let below = [[a, b, c], [x, b, c], [a, y, c], [x, y, c]];
-        let above = below.map(|[i, j, _]| [i, j, z]);
-        let [p, q, r, s] = below;
-        let [t, u, v, w] = above;
-        [p, q, r, s, t, u, v, w]
-    }
-
-    fn diagonal(&self) -> f64 {
-        distance(self.low, self.high)
-    }
-
-    /// Along each axis its ends and, `half` from the lower one, its middle.
-    fn stops(&self, half: usize) -> [Vec<usize>; 3] {
-        std::array::from_fn(|a| {
-            let mut stops = vec![self.low[a], self.low[a] + half, self.high[a]];
-            stops.retain(|s| *s <= self.high[a]);
-            stops.dedup();
-            stops
-        })
-    }
-}
-
-/// The nodes half-way through cells of one size: where from the lower corner, and how far, in
-/// spacings, from each corner.
-struct Template {
-    size: [usize; 3],
-    nodes: Vec<([usize; 3], [f64; 8])>,
-}
-
-impl Template {
-    fn of(size: [usize; 3], half: usize) -> Self {
-        let cell = Cell { low: [0; 3], high: size, steepest: 0.0 };
-        let [xs, ys, zs] = cell.stops(half);
-        let mut nodes = Vec::with_capacity(27);
-        for &k in &zs {
-            for &j in &ys {
-                nodes.extend(xs.iter().map(|i| [*i, j, k]));
-            }
-        }
-        let corners = cell.corners();
-        nodes.retain(|n| !corners.contains(n));
-        let nodes =
-            nodes.into_iter().map(|n| (n, corners.map(|corner| distance(corner, n)))).collect();
-        Template { size, nodes }
-    }
-}
-
 /// Counts on, place by place.
 fn add(counts: &mut [u8], more: &[u8]) {
     counts.iter_mut().zip(more).for_each(|(count, more)| *count += more);
-}
-
-/// In spacings.
-fn distance(a: [usize; 3], b: [usize; 3]) -> f64 {
-    let squared = |axis: usize| (a[axis].abs_diff(b[axis]) as f64).powi(2);
-    (squared(0) + squared(1) + squared(2)).sqrt()
 }
 
 struct Search<'a> {
@@ -125,14 +64,12 @@ pub(super) fn sample(lattice: &Lattice, field: &dyn Field) -> Samples {
         }
     }
     let mut cells = search.coarse(inner.clone());
-    let mut half = COARSE / 2;
-    while half > 0 {
-        cells = search.refine(cells, half);
-        half /= 2;
+    while cells.half > 0 {
+        cells = search.refine(cells);
     }
     search.complete();
     // Where the object reaches the edge, the cells there are crossed.
-    let edge = |range: &std::ops::Range<usize>, i: usize| {
+    let edge = |range: &Range<usize>, i: usize| {
         range.len() > 1 && (i == range.start || i + 1 == range.end)
             || range.len() == 1 && range.start == 1
     };
@@ -152,7 +89,7 @@ pub(super) fn sample(lattice: &Lattice, field: &dyn Field) -> Samples {
 
 impl Search<'_> {
     /// Evaluates the coarse lattice and gives its cells.
-    fn coarse(&mut self, inner: [std::ops::Range<usize>; 3]) -> Vec<Cell> {
+    fn coarse(&mut self, inner: [Range<usize>; 3]) -> Cells {
         let stops = inner.map(|range| {
             let last = range.end - 1;
             let mut stops: Vec<usize> = range.step_by(COARSE).collect();
@@ -163,13 +100,8 @@ impl Search<'_> {
         });
         let [nx, ny, nz] = [stops[0].len(), stops[1].len(), stops[2].len()];
         let place = |i: usize, j: usize, k: usize| (k * ny + j) * nx + i;
-        let mut nodes = Vec::with_capacity(nx * ny * nz);
-        for k in &stops[2] {
-            for j in &stops[1] {
-                nodes.extend(stops[0].iter().map(|i| [*i, *j, *k]));
-            }
-        }
-        let raw = self.ask(&nodes);
+        let nodes = combinations(&stops);
+        let raw = self.ask(&nodes.iter().map(|n| self.lattice.index(*n)).collect::<Vec<_>>());
 
         let mut slopes = vec![0.0; nodes.len()];
         for k in 0..nz {
@@ -198,7 +130,7 @@ impl Search<'_> {
             }
         }
 
-        let mut cells = Vec::new();
+        let mut cells = Cells { half: COARSE / 2, groups: Vec::new() };
         let ranges = |n: usize| 0..(n - 1).max(1);
         for k in ranges(nz) {
             for j in ranges(ny) {
@@ -212,107 +144,104 @@ impl Search<'_> {
                         let corner = place(pick(0, i, p), pick(1, j, q), pick(2, k, r));
                         steepest = steepest.max(slopes[corner]);
                     }
-                    cells.push(Cell {
-                        low: [stops[0][i], stops[1][j], stops[2][k]],
-                        high: [stops[0][p], stops[1][q], stops[2][r]],
-                        steepest: (SAFETY * steepest).max(self.lattice.spacing()),
-                    });
+                    let low = [stops[0][i], stops[1][j], stops[2][k]];
+                    let high = [stops[0][p], stops[1][q], stops[2][r]];
+                    let size = std::array::from_fn(|a| high[a] - low[a]);
+                    let steepest = (SAFETY * steepest).max(self.lattice.spacing());
+                    let cell = Cell { low: self.lattice.index(low), steepest };
+                    cells.push(self.lattice, size, cell);
                 }
             }
         }
         cells
     }
 
-    /// Settles the sign of the nodes `half` apart in the cells, evaluating those in doubt; gives
-    /// the halves of the cells that may hold a piece of the surface.
-    fn refine(&mut self, cells: Vec<Cell>, half: usize) -> Vec<Cell> {
-        let mut doubtful = Vec::new();
-        for cell in cells {
-            match self.bound(&cell) {
-                Some(bound) => self.fill(&cell, bound),
-                None => doubtful.push(cell),
-            }
-        }
-        let mut asked = Vec::new();
-        let mut template = Template { size: [usize::MAX; 3], nodes: Vec::new() };
-        for cell in &doubtful {
-            let size = std::array::from_fn(|a| cell.high[a] - cell.low[a]);
-            if size != template.size {
-                template = Template::of(size, half);
-            }
-            let values = self.corner_values(cell);
-            for (offset, distances) in &template.nodes {
-                let node = std::array::from_fn(|a| cell.low[a] + offset[a]);
-                let at = self.lattice.index(node);
-                if self.known[at] == 1 {
-                    continue;
+    /// Settles the sign of the nodes in the cells once they are halved, evaluating those in doubt;
+    /// gives the parts of the cells that may hold a piece of the surface.
+    fn refine(&mut self, cells: Cells) -> Cells {
+        let Cells { half, mut groups } = cells;
+        for (form, cells) in &mut groups {
+            cells.retain(|cell| match self.bound(form, cell) {
+                Some(bound) => {
+                    self.fill(form, cell, bound);
+                    false
                 }
-                self.known[at] = 1;
-                // How far from zero the corners let the field be: above, and below.
-                let (mut above, mut below) = (0.0, 0.0);
-                for (value, distance) in values.iter().zip(distances) {
-                    let reach = cell.steepest * distance;
-                    above = if value - reach > above { value - reach } else { above };
-                    below = if value + reach < below { value + reach } else { below };
-                }
-                // Corners that contradict one another prove nothing.
-                match (above > 0.0, below < 0.0) {
-                    (true, false) => self.values[at] = above,
-                    (false, true) => self.values[at] = below,
-                    _ => asked.push(node),
-                }
-            }
-        }
-        self.ask(&asked);
-        let mut halves = Vec::new();
-        if half == 1 {
-            return halves;
-        }
-        for cell in doubtful {
-            let stops = cell.stops(half);
-            let spans = stops.each_ref().map(|s| {
-                let pairs: Vec<[usize; 2]> = s.windows(2).map(|w| [w[0], w[1]]).collect();
-                if pairs.is_empty() { vec![[s[0], s[0]]] } else { pairs }
+                None => true,
             });
-            for z in &spans[2] {
-                for y in &spans[1] {
-                    for x in &spans[0] {
-                        let mut part = Cell {
-                            low: [x[0], y[0], z[0]],
-                            high: [x[1], y[1], z[1]],
-                            steepest: cell.steepest,
-                        };
-                        part.steepest = part.steepest.max(SAFETY * self.slope(&part));
-                        halves.push(part);
-                    }
+        }
+        // What the middles of edges prove spares some of those of faces, and these some of those of
+        // cells.
+        for kind in 1..=3 {
+            let mut asked = Vec::new();
+            for (form, cells) in &groups {
+                cells.iter().for_each(|cell| self.settle(form, cell, kind, &mut asked));
+            }
+            self.ask(&asked);
+        }
+        let mut parts = Cells { half: half / 2, groups: Vec::new() };
+        if parts.half == 0 {
+            return parts;
+        }
+        for (form, cells) in &groups {
+            for cell in cells {
+                for (offset, size) in &form.parts {
+                    let part = Cell { low: cell.low + offset, steepest: cell.steepest };
+                    parts.push(self.lattice, *size, part);
                 }
             }
         }
-        halves
+        for (form, cells) in &mut parts.groups {
+            for cell in cells {
+                cell.steepest = cell.steepest.max(SAFETY * self.slope(form, cell));
+            }
+        }
+        parts
     }
 
-    fn corner_values(&self, cell: &Cell) -> [f64; 8] {
-        cell.corners().map(|c| self.values[self.lattice.index(c)])
+    /// Settles the sign of a cell's new nodes of one kind where their witnesses prove it; the others
+    /// are to be `asked`.
+    fn settle(&mut self, form: &Form, cell: &Cell, kind: usize, asked: &mut Vec<usize>) {
+        for n in form.kinds[kind].clone() {
+            let at = cell.low + form.nodes[n];
+            if self.known[at] == 1 {
+                continue;
+            }
+            self.known[at] = 1;
+            // How far from zero the witnesses let the field be: above, and below.
+            let (mut above, mut below) = (0.0, 0.0);
+            for (witness, distance) in &form.witnesses[n] {
+                let value = self.values[cell.low + witness];
+                let reach = cell.steepest * distance;
+                above = if value - reach > above { value - reach } else { above };
+                below = if value + reach < below { value + reach } else { below };
+            }
+            // Witnesses that contradict one another prove nothing.
+            match (above > 0.0, below < 0.0) {
+                (true, false) => self.values[at] = above,
+                (false, true) => self.values[at] = below,
+                _ => asked.push(at),
+            }
+        }
     }
 
     /// A value that the field is certainly beyond in all of the cell, if one corner gives it.
-    fn bound(&self, cell: &Cell) -> Option<f64> {
-        let values = self.corner_values(cell);
+    fn bound(&self, form: &Form, cell: &Cell) -> Option<f64> {
+        let values = form.corners.map(|c| self.values[cell.low + c]);
         let outside = values[0] > 0.0;
         if values.iter().any(|v| (*v > 0.0) != outside) {
             return None;
         }
         let furthest = values.iter().fold(0.0f64, |most, v| most.max(v.abs()));
-        let left = furthest - cell.steepest * cell.diagonal();
+        let left = furthest - cell.steepest * form.diagonal;
         (left > 0.0).then(|| left.copysign(values[0]))
     }
 
     /// The steepest edge of a cell between corners whose values are known.
-    fn slope(&self, cell: &Cell) -> f64 {
-        let corners = cell.corners().map(|c| self.lattice.index(c));
+    fn slope(&self, form: &Form, cell: &Cell) -> f64 {
+        let corners = form.corners.map(|c| cell.low + c);
         let mut squared = 0.0;
         for axis in 0..3 {
-            let length = cell.high[axis].abs_diff(cell.low[axis]) as f64;
+            let length = form.size[axis] as f64;
             let mut greatest: f64 = 0.0;
             for (c, from) in corners.iter().enumerate().filter(|(c, _)| c >> axis & 1 == 0) {
                 let to = corners[c | 1 << axis];
@@ -325,11 +254,11 @@ impl Search<'_> {
         squared.sqrt()
     }
 
-    fn fill(&mut self, cell: &Cell, value: f64) {
-        for k in cell.low[2]..=cell.high[2] {
-            for j in cell.low[1]..=cell.high[1] {
-                let first = self.lattice.index([cell.low[0], j, k]);
-                let row = first..first + cell.high[0] - cell.low[0] + 1;
+    fn fill(&mut self, form: &Form, cell: &Cell, value: f64) {
+        for k in 0..=form.size[2] {
+            for j in 0..=form.size[1] {
+                let first = cell.low + self.lattice.index([0, j, k]);
+                let row = first..first + form.size[0] + 1;
                 for (known, to) in self.known[row.clone()].iter_mut().zip(&mut self.values[row]) {
                     if *known == 0 {
                         (*known, *to) = (1, value);
@@ -351,7 +280,7 @@ impl Search<'_> {
     }
 
     /// Nodes without a value of their own in cells whose corners differ in sign.
-    fn missing(&self) -> Vec<[usize; 3]> {
+    fn missing(&self) -> Vec<usize> {
         let [nx, ny, nz] = self.lattice.counts();
         let layers: &[usize] = if nz == 1 { &[0] } else { &[0, 1] };
         let most = 4 * layers.len() as u8;
@@ -381,8 +310,8 @@ impl Search<'_> {
                 }
                 for i in (0..nx - 1).filter(|i| open[*i]) {
                     for [j, k] in rows.clone() {
-                        let unknown = |i: &usize| self.exact[self.lattice.index([*i, j, k])] == 0;
-                        missing.extend([i, i + 1].into_iter().filter(unknown).map(|i| [i, j, k]));
+                        let first = self.lattice.index([i, j, k]);
+                        missing.extend((first..first + 2).filter(|at| self.exact[*at] == 0));
                     }
                 }
             }
@@ -393,13 +322,14 @@ impl Search<'_> {
     }
 
     /// Evaluates the field at nodes; what it gave, finite or not.
-    fn ask(&mut self, nodes: &[[usize; 3]]) -> Vec<f64> {
-        let points: Vec<_> = nodes.iter().map(|n| self.lattice.node(*n)).collect();
+    fn ask(&mut self, nodes: &[usize]) -> Vec<f64> {
+        let [nx, ny, _] = self.lattice.counts();
+        let point = |at: &usize| self.lattice.node([at % nx, at / nx % ny, at / nx / ny]);
+        let points: Vec<_> = nodes.iter().map(point).collect();
         let found = values_at(self.field, &points);
-        for (node, value) in nodes.iter().zip(&found) {
-            let at = self.lattice.index(*node);
-            self.values[at] = if value.is_finite() { *value } else { self.lattice.spacing() };
-            (self.exact[at], self.known[at]) = (1, 1);
+        for (at, value) in nodes.iter().zip(&found) {
+            self.values[*at] = if value.is_finite() { *value } else { self.lattice.spacing() };
+            (self.exact[*at], self.known[*at]) = (1, 1);
         }
         found
     }

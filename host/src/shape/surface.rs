@@ -10,8 +10,8 @@ use super::lattice::{Lattice, LatticeError, Samples, deviations_at, first_order_
 use super::{Field, Mesh};
 use crate::space::Point;
 
-/// Field value at which a vertex counts as on the surface, metres.
-const ON_SURFACE: f64 = 1e-7;
+/// Field value at which a vertex counts as on the surface, in spacings.
+const ON_SURFACE: f64 = 1e-4;
 
 /// Steps of each vertex towards the field at most.
 const MOST_STEPS: usize = 5;
@@ -37,8 +37,8 @@ pub struct Surface {
 
 /// The whole zero set of `field` within the box `bounds` (corners, metres) on a lattice `spacing`
 /// metres apart. Vertices are moved along the field's gradient by at most half a spacing
-/// until the field there is below 0.1 µm, which smooth fields reach; sharp edges stay cut by about
-/// a fifth of the spacing. An object that reaches the edge of the box is closed along it. Every
+/// until the field there is below a ten-thousandth of the spacing, which smooth fields reach; sharp
+/// edges stay cut by about a fifth of it. An object that reaches the edge of the box is closed along it. Every
 /// component is kept, see [`Surface::touched`].
 pub fn extract(
     field: &dyn Field,
@@ -147,6 +147,7 @@ impl Surface {
 fn settle(field: &dyn Field, spacing: f64, free: &[usize], vertices: &mut [Point]) {
     let reach = REACH * spacing;
     let nudge = 0.02 * spacing;
+    let on_surface = ON_SURFACE * spacing;
     let starts: Vec<Point> = free.iter().map(|v| vertices[*v]).collect();
     struct Walk {
         vertex: usize,
@@ -166,7 +167,7 @@ fn settle(field: &dyn Field, spacing: f64, free: &[usize], vertices: &mut [Point
         .filter(|w| w.value.is_finite() && w.slope.iter().all(|s| s.is_finite()))
         .collect();
     for _ in 0..MOST_STEPS {
-        walks.retain(|w| w.value.abs() > ON_SURFACE);
+        walks.retain(|w| w.value.abs() > on_surface);
         let tries: Vec<Point> = walks
             .iter()
             .map(|w| {
