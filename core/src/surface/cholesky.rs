@@ -115,13 +115,49 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
         let staged: [&[f32]; C] = core::array::from_fn(staged);
         let mut columns = Vec::<[f32; C], ROWS>::new();
         columns.extend((0..n).map(|k| staged.map(|row| row[k])));
-        self.forward_together(0, &mut columns);
+        self.append_columns(count, &mut columns)
+    }
+
+    /// Appends C rows in one pass over the factor. `columns` holds their covariances with the rows
+    /// before, all C of a row together, and is the workspace; they are independent of each other, with
+    /// variances `own`.
+    ///
+    /// # Errors
+    /// As [`append`](Self::append), or when there are not [`rows`](Self::rows)`()` columns; the factor is
+    /// as it was.
+    pub fn append_independent<const C: usize>(
+        &mut self,
+        columns: &mut [[f32; C]],
+        own: [f32; C],
+    ) -> Result<(), NotPositiveDefinite> {
+        let n = self.rows;
+        if n + C > ROWS || columns.len() != n {
+            return Err(NotPositiveDefinite);
+        }
+        for (side, variance) in own.into_iter().enumerate() {
+            let corner = &mut self.lower[start(n + side) + n..=start(n + side) + n + side];
+            corner.fill(0.0);
+            corner[side] = variance;
+        }
+        self.append_columns(C, columns)
+    }
+
+    /// Appends the first `count` of C rows, whose covariances among themselves are staged; there is
+    /// room for them.
+    #[inline(always)]
+    fn append_columns<const C: usize>(
+        &mut self,
+        count: usize,
+        columns: &mut [[f32; C]],
+    ) -> Result<(), NotPositiveDefinite> {
+        let n = self.rows;
+        self.forward_together(0, columns);
         for side in 0..count {
             let staged = &mut self.lower[start(n + side)..];
             columns.iter().zip(staged).for_each(|(x, staged)| *staged = x[side]);
         }
         let mut products = [[0.0; C]; C];
-        for x in &columns {
+        for x in &*columns {
             for i in 0..C {
                 for j in 0..=i {
                     products[i][j] += x[i] * x[j];
