@@ -1,5 +1,7 @@
 //! Rows of the covariance matrix: what a contact becomes, and how the factor grows by it.
 
+use core::array::from_fn;
+
 use super::{Gpis, Training};
 use crate::contact::Contact;
 use crate::matrix::Coordinates;
@@ -121,7 +123,10 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         for row in first..first + site.rows() {
             let noise = &mut self.noise[packed(row)..packed(row + 1)];
             // Of a zero that the compiler does not know: its routine clears a number in seven cycles.
-            noise.fill(core::hint::black_box(0.0));
+            let zero = core::hint::black_box(0.0);
+            let (noise4, rest) = noise.as_chunks_mut::<4>();
+            noise4.fill([zero; 4]);
+            rest.fill(zero);
             noise[row] = if row == first { value_noise } else { slope_noise };
         }
         self.hold(site);
@@ -159,10 +164,10 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         let d = site.point - other.point;
         let Radial { k, a, b } = kernel.radial(d.norm_squared());
         let Some((values, slopes)) = columns.split_first_mut() else { return };
-        *values = core::array::from_fn(|i| if i == 0 { k } else { a * d[i - 1] });
+        *values = from_fn(|i| if i == 0 { k } else { a * d[i - 1] });
         if other.slope {
             for (j, slopes) in slopes.iter_mut().enumerate() {
-                *slopes = core::array::from_fn(|i| {
+                *slopes = from_fn(|i| {
                     let diagonal = if i == j + 1 { a } else { 0.0 };
                     if i == 0 { -a * d[j] } else { -(b * d[i - 1] * d[j] + diagonal) }
                 });
@@ -232,19 +237,36 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         // By value: what depends on it alone is then worked out once.
         let kernel = self.kernel;
         let row = self.factor.stage(0);
-        for other in &self.sites[..self.count] {
-            let d = site.point - other.point;
-            let at = usize::from(other.row);
-            row[at] = kernel.value(d.norm_squared());
-            if other.slope {
-                let a = kernel.radial(d.norm_squared()).a;
-                for j in 0..S::DIMENSION {
-                    row[at + 1 + j] = -a * d[j];
-                }
-            }
-        }
+        // Two by two: no number waits for the one before.
+        let (pairs, last) = self.sites[..self.count].as_chunks::<2>();
+        pairs.iter().for_each(|pair| Self::cross_values(&kernel, site.point, pair, row));
+        let (last, _) = last.as_chunks::<1>();
+        last.iter().for_each(|one| Self::cross_values(&kernel, site.point, one, row));
         if let Some(own) = row.last_mut() {
             *own = variance;
+        }
+    }
+
+    /// Writes the covariances of f at `point` with some sites into their columns of `row`.
+    #[inline(always)]
+    fn cross_values<const N: usize>(
+        kernel: &K,
+        point: S::Vector,
+        others: &[Site<S>; N],
+        row: &mut [f32],
+    ) {
+        let d: [S::Vector; N] = from_fn(|n| point - others[n].point);
+        let d2 = d.map(S::Vector::norm_squared);
+        let k = kernel.values(d2);
+        for (n, other) in others.iter().enumerate() {
+            let at = usize::from(other.row);
+            row[at] = k[n];
+            if other.slope {
+                let a = kernel.radial(d2[n]).a;
+                for j in 0..S::DIMENSION {
+                    row[at + 1 + j] = -a * d[n][j];
+                }
+            }
         }
     }
 
