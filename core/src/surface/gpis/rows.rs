@@ -237,35 +237,31 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         // By value: what depends on it alone is then worked out once.
         let kernel = self.kernel;
         let row = self.factor.stage(0);
-        // Two by two: no number waits for the one before.
         let (pairs, last) = self.sites[..self.count].as_chunks::<2>();
-        pairs.iter().for_each(|pair| Self::cross_values(&kernel, site.point, pair, row));
-        let (last, _) = last.as_chunks::<1>();
-        last.iter().for_each(|one| Self::cross_values(&kernel, site.point, one, row));
+        for pair in pairs {
+            if pair.iter().all(|other| !other.slope) {
+                // Their columns are side by side, and no number waits for the one before.
+                let d2 = from_fn(|n| (site.point - pair[n].point).norm_squared());
+                row[usize::from(pair[0].row)..][..2].copy_from_slice(&kernel.values::<2>(d2));
+            } else {
+                pair.iter().for_each(|other| Self::cross_value(&kernel, site, other, row));
+            }
+        }
+        last.iter().for_each(|other| Self::cross_value(&kernel, site, other, row));
         if let Some(own) = row.last_mut() {
             *own = variance;
         }
     }
 
-    /// Writes the covariances of f at `point` with some sites into their columns of `row`.
-    #[inline(always)]
-    fn cross_values<const N: usize>(
-        kernel: &K,
-        point: S::Vector,
-        others: &[Site<S>; N],
-        row: &mut [f32],
-    ) {
-        let d: [S::Vector; N] = from_fn(|n| point - others[n].point);
-        let d2 = d.map(S::Vector::norm_squared);
-        let k = kernel.values(d2);
-        for (n, other) in others.iter().enumerate() {
-            let at = usize::from(other.row);
-            row[at] = k[n];
-            if other.slope {
-                let a = kernel.radial(d2[n]).a;
-                for j in 0..S::DIMENSION {
-                    row[at + 1 + j] = -a * d[n][j];
-                }
+    /// Writes the covariances of the new `site`'s value with an old one's rows.
+    fn cross_value(kernel: &K, site: &Site<S>, other: &Site<S>, row: &mut [f32]) {
+        let d = site.point - other.point;
+        let at = usize::from(other.row);
+        row[at] = kernel.value(d.norm_squared());
+        if other.slope {
+            let a = kernel.radial(d.norm_squared()).a;
+            for j in 0..S::DIMENSION {
+                row[at + 1 + j] = -a * d[j];
             }
         }
     }
