@@ -363,11 +363,11 @@ impl<const ROWS: usize, const PACKED: usize> Default for Cholesky<ROWS, PACKED> 
 fn forward(lower: &[f32], inverse_diagonal: &[f32], x: &mut [f32]) {
     let n = x.len();
     let mut rest = lower;
-    for i in (0..n).step_by(TOGETHER) {
+    let (diagonals, _) = inverse_diagonal[..n].as_chunks::<TOGETHER>();
+    for (block, [d0, d1, d2, d3]) in diagonals.iter().enumerate() {
+        let i = TOGETHER * block;
         let (done, todo) = x.split_at_mut(i);
-        let ([x0, x1, x2, x3, ..], [d0, d1, d2, d3, ..]) = (todo, &inverse_diagonal[i..]) else {
-            break;
-        };
+        let [x0, x1, x2, x3, ..] = todo else { break };
         let rows: [&[f32]; TOGETHER];
         (rows, rest) = four_rows(rest, i);
         let [s0, s1, s2, s3] = four_products(rows.map(|row| &row[..i]), done);

@@ -94,10 +94,10 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         self.count + sites + spare <= SITES && self.taken() + rows + spare_rows <= ROWS
     }
 
-    /// Appends the rows of one site, with noise of its own.
+    /// Appends the rows of one site, with noise of its own; the site learns where they are.
     pub(super) fn append(
         &mut self,
-        mut site: Site<S>,
+        site: &mut Site<S>,
         value_noise: f32,
         slope_noise: f32,
     ) -> Result<(), NotPositiveDefinite> {
@@ -109,14 +109,14 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         site.row = self.factor.rows() as u16;
         site.value_precision = 1.0 / value;
         if !site.slope {
-            self.stage_value(&site, value);
+            self.stage_value(site, value);
             self.factor.append()?;
         } else {
             site.slope_precision = 1.0 / slope;
             if S::DIMENSION == 2 {
-                self.factorise_independent(&site, [value, slope, slope])?;
+                self.factorise_independent(site, [value, slope, slope])?;
             } else {
-                self.factorise_independent(&site, [value, slope, slope, slope])?;
+                self.factorise_independent(site, [value, slope, slope, slope])?;
             }
         }
         let first = usize::from(site.row);
@@ -129,7 +129,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             rest.fill(zero);
             noise[row] = if row == first { value_noise } else { slope_noise };
         }
-        self.hold(site);
+        self.hold(*site);
         Ok(())
     }
 
@@ -343,9 +343,9 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         contact: &Contact<S>,
     ) -> Result<(), NotPositiveDefinite> {
         let (count, rows) = (self.count, self.factor.rows());
-        let (sites, number) = self.sites_of(contact);
-        for (site, value_noise, slope_noise) in &sites[..number] {
-            if self.append(*site, *value_noise, *slope_noise).is_err() {
+        let (mut sites, number) = self.sites_of(contact);
+        for (site, value_noise, slope_noise) in &mut sites[..number] {
+            if self.append(site, *value_noise, *slope_noise).is_err() {
                 self.count = count;
                 self.factor.truncate(rows);
                 return Err(NotPositiveDefinite);
