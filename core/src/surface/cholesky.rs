@@ -115,13 +115,49 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
         let staged: [&[f32]; C] = core::array::from_fn(staged);
         let mut columns = Vec::<[f32; C], ROWS>::new();
         columns.extend((0..n).map(|k| staged.map(|row| row[k])));
-        self.forward_together(0, &mut columns);
+        self.append_columns(count, &mut columns)
+    }
+
+    /// Appends C rows in one pass over the factor. `columns` holds their covariances with the rows
+    /// before, all C of a row together, and is the workspace; they are independent of each other, with
+    /// variances `own`.
+    ///
+    /// # Errors
+    /// As [`append`](Self::append), or when there are not [`rows`](Self::rows)`()` columns; the factor is
+    /// as it was.
+    pub fn append_independent<const C: usize>(
+        &mut self,
+        columns: &mut [[f32; C]],
+        own: [f32; C],
+    ) -> Result<(), NotPositiveDefinite> {
+        let n = self.rows;
+        if n + C > ROWS || columns.len() != n {
+            return Err(NotPositiveDefinite);
+        }
+        for (side, variance) in own.into_iter().enumerate() {
+            let corner = &mut self.lower[start(n + side) + n..=start(n + side) + n + side];
+            corner.fill(0.0);
+            corner[side] = variance;
+        }
+        self.append_columns(C, columns)
+    }
+
+    /// Appends the first `count` of C rows, whose covariances among themselves are staged; there is
+    /// room for them.
+    #[inline(always)]
+    fn append_columns<const C: usize>(
+        &mut self,
+        count: usize,
+        columns: &mut [[f32; C]],
+    ) -> Result<(), NotPositiveDefinite> {
+        let n = self.rows;
+        self.forward_together(0, columns);
         for side in 0..count {
             let staged = &mut self.lower[start(n + side)..];
             columns.iter().zip(staged).for_each(|(x, staged)| *staged = x[side]);
         }
         let mut products = [[0.0; C]; C];
-        for x in &columns {
+        for x in &*columns {
             for i in 0..C {
                 for j in 0..=i {
                     products[i][j] += x[i] * x[j];
@@ -327,11 +363,11 @@ impl<const ROWS: usize, const PACKED: usize> Default for Cholesky<ROWS, PACKED> 
 fn forward(lower: &[f32], inverse_diagonal: &[f32], x: &mut [f32]) {
     let n = x.len();
     let mut rest = lower;
-    for i in (0..n).step_by(TOGETHER) {
+    let (diagonals, _) = inverse_diagonal[..n].as_chunks::<TOGETHER>();
+    for (block, [d0, d1, d2, d3]) in diagonals.iter().enumerate() {
+        let i = TOGETHER * block;
         let (done, todo) = x.split_at_mut(i);
-        let ([x0, x1, x2, x3, ..], [d0, d1, d2, d3, ..]) = (todo, &inverse_diagonal[i..]) else {
-            break;
-        };
+        let [x0, x1, x2, x3, ..] = todo else { break };
         let rows: [&[f32]; TOGETHER];
         (rows, rest) = four_rows(rest, i);
         let [s0, s1, s2, s3] = four_products(rows.map(|row| &row[..i]), done);

@@ -124,6 +124,42 @@ proptest! {
     }
 }
 
+proptest! {
+    #[test]
+    fn independent_rows_are_those_appended_alone(a in proptest::array::uniform13(proptest::array::uniform13(-1.0f32..1.0)), before in 1usize..10) {
+        let rows: Vec<usize> = (0..before + 4).collect();
+        let mut m = matrix(&a, &rows);
+        for i in before..before + 4 {
+            for j in (before..before + 4).filter(|j| *j != i) {
+                m[i][j] = 0.0;
+            }
+            m[i][i] += 12.0;
+        }
+        let alone = factor(&m);
+        let mut f = factor(&m[..before]);
+        // Whatever is staged.
+        (0..4).for_each(|i| f.stage(i).fill(7.0));
+        let mut columns: Vec<[f32; 4]> =
+            (0..before).map(|k| core::array::from_fn(|i| m[before + i][k])).collect();
+        let own = core::array::from_fn(|i| m[before + i][before + i]);
+        let mut indefinite = columns.clone();
+        prop_assert_eq!(f.append_independent(&mut columns, own), Ok(()));
+        prop_assert_eq!(f.rows(), rows.len());
+        for i in 0..packed(rows.len()) {
+            prop_assert!((f.lower[i] - alone.lower[i]).abs() < 1e-5);
+        }
+        // One that is no row, or columns that are not those of the rows: none is taken.
+        f.truncate(before);
+        let bad = [own[0], own[1], own[2], -1.0];
+        prop_assert_eq!(f.append_independent(&mut indefinite, bad), Err(NotPositiveDefinite));
+        for wrong in [before - 1, N] {
+            let columns = &mut [[0.0; 4]; N][..wrong];
+            prop_assert_eq!(f.append_independent(columns, own), Err(NotPositiveDefinite));
+        }
+        prop_assert_eq!(f.rows(), before);
+    }
+}
+
 #[test]
 fn refuses_what_is_not_positive_definite() {
     let mut f = Factor::new();
@@ -156,4 +192,5 @@ fn a_full_factor_stages_nothing() {
         assert_eq!(f.append(), Err(NotPositiveDefinite));
         assert_eq!(f.append_together(count), Err(NotPositiveDefinite));
     }
+    assert_eq!(f.append_independent(&mut [[0.5]], [1.0]), Err(NotPositiveDefinite));
 }

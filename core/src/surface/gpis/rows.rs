@@ -1,5 +1,7 @@
 //! Rows of the covariance matrix: what a contact becomes, and how the factor grows by it.
 
+use core::array::from_fn;
+
 use super::{Gpis, Training};
 use crate::contact::Contact;
 use crate::matrix::Coordinates;
@@ -92,28 +94,85 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         self.count + sites + spare <= SITES && self.taken() + rows + spare_rows <= ROWS
     }
 
-    /// Appends the rows of one site, with noise of its own.
+    /// Appends the rows of one site, with noise of its own; the site learns where they are.
     pub(super) fn append(
         &mut self,
-        mut site: Site<S>,
+        site: &mut Site<S>,
         value_noise: f32,
         slope_noise: f32,
     ) -> Result<(), NotPositiveDefinite> {
         if !self.fits(1, site.rows(), 0) {
             return Err(NotPositiveDefinite);
         }
-        let first = self.factor.rows();
+        let value = self.kernel.variance() + value_noise;
+        let slope = self.kernel.slope_variance() + slope_noise;
+        site.row = self.factor.rows() as u16;
+        site.value_precision = 1.0 / value;
+        if !site.slope {
+            self.stage_value(site, value);
+            self.factor.append()?;
+        } else {
+            site.slope_precision = 1.0 / slope;
+            if S::DIMENSION == 2 {
+                self.factorise_independent(site, [value, slope, slope])?;
+            } else {
+                self.factorise_independent(site, [value, slope, slope, slope])?;
+            }
+        }
+        let first = usize::from(site.row);
         for row in first..first + site.rows() {
             let noise = &mut self.noise[packed(row)..packed(row + 1)];
             // Of a zero that the compiler does not know: its routine clears a number in seven cycles.
-            noise.fill(core::hint::black_box(0.0));
+            let zero = core::hint::black_box(0.0);
+            let (noise4, rest) = noise.as_chunks_mut::<4>();
+            noise4.fill([zero; 4]);
+            rest.fill(zero);
             noise[row] = if row == first { value_noise } else { slope_noise };
         }
-        site.value_precision = 1.0 / (self.kernel.variance() + value_noise);
-        if site.slope {
-            site.slope_precision = 1.0 / (self.kernel.slope_variance() + slope_noise);
+        self.hold(*site);
+        Ok(())
+    }
+
+    /// Appends the C rows of a new site with its slopes to the factor; their place in Σ, still to be
+    /// written, is the workspace.
+    fn factorise_independent<const C: usize>(
+        &mut self,
+        site: &Site<S>,
+        variances: [f32; C],
+    ) -> Result<(), NotPositiveDefinite> {
+        // By value: what depends on it alone is then worked out once.
+        let kernel = self.kernel;
+        let first = self.factor.rows();
+        let (columns, _) = self.noise[packed(first)..packed(first + C)].as_chunks_mut::<C>();
+        let columns = &mut columns[..first];
+        for other in &self.sites[..self.count] {
+            let at = usize::from(other.row);
+            Self::covary(&kernel, site, other, &mut columns[at..at + other.rows()]);
         }
-        self.factorise(site, first)
+        self.factor.append_independent(columns, variances)
+    }
+
+    /// Covariances of the rows of the new `site`, with its slopes, with those of an old one, which
+    /// `columns` are.
+    #[inline(always)]
+    fn covary<const C: usize>(
+        kernel: &K,
+        site: &Site<S>,
+        other: &Site<S>,
+        columns: &mut [[f32; C]],
+    ) {
+        let d = site.point - other.point;
+        let Radial { k, a, b } = kernel.radial(d.norm_squared());
+        let Some((values, slopes)) = columns.split_first_mut() else { return };
+        *values = from_fn(|i| if i == 0 { k } else { a * d[i - 1] });
+        if other.slope {
+            for (j, slopes) in slopes.iter_mut().enumerate() {
+                *slopes = from_fn(|i| {
+                    let diagonal = if i == j + 1 { a } else { 0.0 };
+                    if i == 0 { -a * d[j] } else { -(b * d[i - 1] * d[j] + diagonal) }
+                });
+            }
+        }
     }
 
     /// Appends the rows of one site whose noise is in place, and zero before column `since`.
@@ -157,7 +216,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
                 Self::stage_cross(&kernel, site, other, &mut rows);
             }
         } else {
-            self.stage_value(site);
+            self.stage_value(site, self.kernel.variance());
         }
         for i in 0..site.rows() {
             let row = self.factor.stage(i);
@@ -172,20 +231,37 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         }
     }
 
-    /// Writes the covariances of a new site of one row with all others into the staged row.
-    fn stage_value(&mut self, site: &Site<S>) {
+    /// Writes the covariances of a new site of one row with all others, and its `variance`, into the
+    /// staged row.
+    fn stage_value(&mut self, site: &Site<S>, variance: f32) {
         // By value: what depends on it alone is then worked out once.
         let kernel = self.kernel;
         let row = self.factor.stage(0);
-        for other in &self.sites[..self.count] {
-            let d = site.point - other.point;
-            let at = usize::from(other.row);
-            row[at] = kernel.value(d.norm_squared());
-            if other.slope {
-                let a = kernel.radial(d.norm_squared()).a;
-                for j in 0..S::DIMENSION {
-                    row[at + 1 + j] = -a * d[j];
-                }
+        let (pairs, last) = self.sites[..self.count].as_chunks::<2>();
+        for pair in pairs {
+            if pair.iter().all(|other| !other.slope) {
+                // Their columns are side by side, and no number waits for the one before.
+                let d2 = from_fn(|n| (site.point - pair[n].point).norm_squared());
+                row[usize::from(pair[0].row)..][..2].copy_from_slice(&kernel.values::<2>(d2));
+            } else {
+                pair.iter().for_each(|other| Self::cross_value(&kernel, site, other, row));
+            }
+        }
+        last.iter().for_each(|other| Self::cross_value(&kernel, site, other, row));
+        if let Some(own) = row.last_mut() {
+            *own = variance;
+        }
+    }
+
+    /// Writes the covariances of the new `site`'s value with an old one's rows.
+    fn cross_value(kernel: &K, site: &Site<S>, other: &Site<S>, row: &mut [f32]) {
+        let d = site.point - other.point;
+        let at = usize::from(other.row);
+        row[at] = kernel.value(d.norm_squared());
+        if other.slope {
+            let a = kernel.radial(d.norm_squared()).a;
+            for j in 0..S::DIMENSION {
+                row[at + 1 + j] = -a * d[j];
             }
         }
     }
@@ -267,9 +343,9 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         contact: &Contact<S>,
     ) -> Result<(), NotPositiveDefinite> {
         let (count, rows) = (self.count, self.factor.rows());
-        let (sites, number) = self.sites_of(contact);
-        for (site, value_noise, slope_noise) in &sites[..number] {
-            if self.append(*site, *value_noise, *slope_noise).is_err() {
+        let (mut sites, number) = self.sites_of(contact);
+        for (site, value_noise, slope_noise) in &mut sites[..number] {
+            if self.append(site, *value_noise, *slope_noise).is_err() {
                 self.count = count;
                 self.factor.truncate(rows);
                 return Err(NotPositiveDefinite);

@@ -160,12 +160,13 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             let leader = self.sites[from];
             from += 1 + usize::from(leader.followers);
             let start = self.count;
-            let mut outcome = self.append(leader, leader.noise, 0.0);
+            let mut site = leader;
+            let mut outcome = self.append(&mut site, leader.noise, 0.0);
             if let (Some(offset), true) = (spheres.offset, leader.followers > 0) {
                 for value in [offset * extent, -offset * extent] {
                     let point = leader.point + leader.normal * value;
-                    let site = Site { point, value, followers: 0, aside: true, ..leader };
-                    outcome = outcome.and_then(|()| self.append(site, leader.noise, 0.0));
+                    let mut site = Site { point, value, followers: 0, aside: true, ..leader };
+                    outcome = outcome.and_then(|()| self.append(&mut site, leader.noise, 0.0));
                 }
             }
             if outcome.is_err() {
@@ -177,9 +178,9 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         for index in 0..spheres.points() {
             let (direction, value) = spheres.point::<S>(index);
             let point = centre + direction * extent;
-            let site = Site { point, value: value * extent, noise, aside: true, ..Site::UNSET };
+            let mut site = Site { point, value: value * extent, noise, aside: true, ..Site::UNSET };
             // A point that adds nothing to the others is left out.
-            let _ = self.append(site, noise, 0.0);
+            let _ = self.append(&mut site, noise, 0.0);
         }
         self.enclosing = self.count - contacts;
         self.count = contacts;
