@@ -24,6 +24,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod accurate;
 pub mod contact;
 pub mod device;
 pub mod driver;

@@ -165,6 +165,9 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     /// points, and each point gets the same bits whatever `L` is.
     #[inline(always)]
     pub fn values<const L: usize>(&self, points: &[S::Vector; L]) -> [f32; L] {
+        if self.enclosing > 0 {
+            return points.map(|p| self.between_spheres(p));
+        }
         let mut f = [0.0; L];
         for (f, p) in f.iter_mut().zip(points) {
             *f = self.prior.mean(*p).0;
@@ -387,6 +390,9 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             slope_variance = math::min(self.slope_variance_given(site, d2, radial), slope_variance);
             nearest = math::min(if site.aside { f32::INFINITY } else { d2 }, nearest);
         }
+        if self.enclosing > 0 {
+            value = self.between_spheres(point);
+        }
         Probe {
             value,
             gradient,
@@ -419,6 +425,10 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         self.factor.forward(weights);
         self.misfit = weights.iter().map(|v| v * v).sum();
         self.factor.backward(weights);
+        if self.enclosing > 0 {
+            self.refine();
+        }
+        let weights = &self.weights[..self.factor.rows()];
         for site in &mut self.sites[..self.count + self.enclosing] {
             let row = usize::from(site.row);
             site.value_weight = weights[row];

@@ -113,16 +113,12 @@ fn same_with_spheres<S: Bridge, K: surface::Kernel>(
             let off = (f64::from(ours.probe(point).value) - truth.value).abs();
             let off = off / truth.gradient.norm().max(1.0);
             let variance = (f64::from(ours.variance(point)) - truth.variance).abs() - 2.5e-9;
-            prop_assert!(off < SPHERES_TOLERANCE, "{off} {kernel:?} {offset:?}");
+            prop_assert!(off < TOLERANCE, "{off} {kernel:?} {offset:?}");
             prop_assert!(variance < 0.02 * truth.variance, "{variance} {truth:?}");
         }
     }
     Ok(())
 }
-
-/// Metres that the surface between spheres may be off: smooth covariances over several extents differ
-/// in their last digits only. Above the 0.1 mm of the other models, half of a millimetre's noise.
-const SPHERES_TOLERANCE: f64 = 5e-4;
 
 /// Kernels in extents.
 fn same_with_either_kernel<S: Bridge>(case: &Case) -> Result<(), TestCaseError> {
