@@ -38,8 +38,8 @@ pub struct Surface {
 /// The whole zero set of `field` within the box `bounds` (corners, metres) on a lattice `spacing`
 /// metres apart. Vertices are moved along the field's gradient by at most half a spacing
 /// until the field there is below a ten-thousandth of the spacing, which smooth fields reach; sharp
-/// edges stay cut by about a fifth of it. An object that reaches the edge of the box is closed along it. Every
-/// component is kept, see [`Surface::touched`].
+/// edges stay cut by about a fifth of it. An object that reaches the edge of the box is closed along
+/// it. Every component is kept, see [`Surface::touched`].
 pub fn extract(
     field: &dyn Field,
     bounds: (Point, Point),

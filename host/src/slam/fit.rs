@@ -7,6 +7,7 @@ use crate::reference::body::Body;
 use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::hyper::{Belief, Found, Search};
 use crate::reference::{Contact, Doubt, Faces, Gpis, Kernel, Prior, Training};
+use crate::slam::blend::Blend;
 use crate::slam::choose::{DOUBT, doubt, fitted};
 use crate::slam::free::{Free, open};
 use crate::slam::reconstruct::Error;
@@ -38,22 +39,59 @@ struct Candidate {
     evidence: f64,
 }
 
-/// The Matérn-3/2 surface that explains the contacts best: about a ball, about another quadric or
-/// one cut by flat faces, about a superquadric, or about the polytope of the faces ([`Body`]), with the amplitude, the
-/// lengthscale and the factor on the contacts' noise that the contacts, and what suits most objects,
-/// make most plausible. `free` are points outside the object (fingertips that touched nothing).
-///
-/// The ball is left only for a body that explains the contacts to their noise, or by a clear margin
-/// better.
+/// Weight below which a surface is left out of the blend.
+const NEGLIGIBLE: f64 = 1e-3;
+
+/// The Matérn-3/2 surfaces that explain the contacts: about a ball, about another quadric or one cut by
+/// flat faces, about a superquadric, and about the polytope of the faces ([`Body`]), each with the
+/// amplitude, the lengthscale and the factor on the contacts' noise that the contacts, and what suits
+/// most objects, make most plausible, blended as their probabilities are; more than sixty contacts
+/// decide for one. With the kernel of the most probable. `free` are points outside the object
+/// (fingertips that touched nothing).
 ///
 /// # Errors
 /// Without contacts, or when they are too many or too coincident for a dense surface.
-pub fn fit(dimension: usize, contacts: &[Contact], free: &[Free]) -> Result<(Kernel, Gpis), Error> {
-    let model = model(dimension, contacts)?;
-    Ok((model.kernel, model.opened(dimension, contacts, free)?))
+pub fn fit(
+    dimension: usize,
+    contacts: &[Contact],
+    free: &[Free],
+) -> Result<(Kernel, Blend), Error> {
+    if contacts.len() > JUDGING {
+        let model = model(dimension, contacts)?;
+        let surface = model.opened(dimension, contacts, free)?;
+        return Ok((model.kernel, Blend::new(vec![(1.0, surface)])));
+    }
+    let candidates = candidates(dimension, contacts, contacts)?;
+    let mut kernel = candidates[0].found.kernel;
+    let (mut parts, mut most) = (Vec::new(), 0.0);
+    for (weight, candidate) in weights(&candidates, contacts.len()).into_iter().zip(candidates) {
+        if weight > NEGLIGIBLE {
+            let model = candidate.model(dimension, contacts);
+            parts.push((weight, model.opened(dimension, contacts, free)?));
+            if weight > most {
+                (kernel, most) = (model.kernel, weight);
+            }
+        }
+    }
+    Ok((kernel, Blend::new(parts)))
 }
 
-/// What explains contacts best, for surfaces of other contacts of the same object.
+/// How probable each is, the ball first, up to a common factor. Where no other body explains the
+/// contacts, the ball is as much better as [`GAIN`] says, and likelihoods are too sure by as much as the
+/// best leaves more than noise (quasi-likelihood; Burnham and Anderson, Model Selection and Multimodel
+/// Inference, 2002, section 2.5).
+fn weights(candidates: &[Candidate], contacts: usize) -> Vec<f64> {
+    let is_explained = candidates.iter().skip(1).any(Candidate::explains);
+    let bonus = if is_explained { 0.0 } else { GAIN * contacts as f64 };
+    let bonuses = [bonus].into_iter().chain(std::iter::repeat(0.0));
+    let evidence: Vec<f64> = candidates.iter().zip(bonuses).map(|(c, b)| c.evidence + b).collect();
+    let most = evidence.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let least = candidates.iter().map(|c| c.body.misfit()).fold(f64::INFINITY, f64::min);
+    evidence.iter().map(|e| ((e - most) / least.max(1.0)).exp()).collect()
+}
+
+/// What explains contacts best, for surfaces of other contacts of the same object. The ball is left only
+/// for a body that explains the contacts to their noise, or by a clear margin better.
 #[derive(Clone, Debug)]
 pub struct Model {
     /// With its hyper-parameters.
@@ -110,30 +148,46 @@ pub fn model_of(
     contacts: &[Contact],
     [judges, deciders]: [usize; 2],
 ) -> Result<Model, Error> {
-    let Some(Prior::Ball { radius, .. }) = Prior::fitted(contacts) else {
-        return Err(Error::NoContacts);
-    };
     let judging = spread(contacts, judges);
-    let candidates: Vec<Result<Candidate, SurfaceError>> = bodies(dimension, contacts)
-        .into_par_iter()
-        .map(|(body, search)| Candidate::new(dimension, &judging, radius, body, search))
-        .collect();
-    let mut candidates = candidates.into_iter();
-    let mut best = candidates.next().unwrap_or(Err(SurfaceError::Dimension(dimension)))?;
+    let mut candidates = candidates(dimension, contacts, &judging)?.into_iter();
+    let mut best = candidates.next().ok_or(Error::NoContacts)?;
     let (ball, price) = (best.evidence, GAIN * judging.len() as f64);
-    for candidate in candidates.flatten() {
-        let enough = if candidate.body.misfit() < tolerance(&candidate.body) { 0.0 } else { price };
+    for candidate in candidates {
+        let enough = if candidate.explains() { 0.0 } else { price };
         if candidate.evidence > best.evidence.max(ball + enough) {
             best = candidate;
         }
     }
     if contacts.len() > judges {
         let deciding = spread(contacts, deciders);
-        best = Candidate::new(dimension, &deciding, radius, best.body, best.search)?;
+        best = Candidate::new(dimension, &deciding, radius(contacts)?, best.body, best.search)?;
     }
-    let Found { kernel, noise, .. } = best.found;
-    let noise = noise * exactness(dimension, contacts);
-    Ok(Model { kernel, body: best.body, noise, evidence: best.evidence })
+    Ok(best.model(dimension, contacts))
+}
+
+/// Of the ball that fits, metres.
+fn radius(contacts: &[Contact]) -> Result<f64, Error> {
+    match Prior::fitted(contacts) {
+        Some(Prior::Ball { radius, .. }) => Ok(radius),
+        _ => Err(Error::NoContacts),
+    }
+}
+
+/// All that the process may be about, the ball first, with the hyper-parameters that the contacts
+/// `judging` make most plausible.
+fn candidates(
+    dimension: usize,
+    contacts: &[Contact],
+    judging: &[Contact],
+) -> Result<Vec<Candidate>, Error> {
+    let radius = radius(contacts)?;
+    let candidates: Vec<Result<Candidate, SurfaceError>> = bodies(dimension, contacts)
+        .into_par_iter()
+        .map(|(body, search)| Candidate::new(dimension, judging, radius, body, search))
+        .collect();
+    let mut candidates = candidates.into_iter();
+    let first = candidates.next().ok_or(Error::NoContacts)??;
+    Ok([first].into_iter().chain(candidates.flatten()).collect())
 }
 
 /// What these contacts leave open beside the model that suits them: a surface about a ball of unknown
@@ -220,11 +274,6 @@ fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
     ball.into_iter().chain(others).collect()
 }
 
-/// χ² per degree of freedom that a body of the right kind rarely exceeds.
-fn tolerance(body: &Body) -> f64 {
-    MISFIT.max(1.0 + MISFIT_DEVIATIONS * (2.0 / body.degrees().max(1.0)).sqrt())
-}
-
 impl Candidate {
     fn new(
         dimension: usize,
@@ -239,6 +288,18 @@ impl Candidate {
         let found = search.run(dimension, family, mean, Training::Derivative, contacts, radius)?;
         let evidence = found.log_posterior - body.oddity();
         Ok(Candidate { body, search, found, evidence })
+    }
+
+    /// Whether the body leaves no more of the contacts than a body of the right kind rarely exceeds.
+    fn explains(&self) -> bool {
+        let scatter = (2.0 / self.body.degrees().max(1.0)).sqrt();
+        self.body.misfit() < MISFIT.max(1.0 + MISFIT_DEVIATIONS * scatter)
+    }
+
+    fn model(self, dimension: usize, contacts: &[Contact]) -> Model {
+        let Found { kernel, noise, .. } = self.found;
+        let noise = noise * exactness(dimension, contacts);
+        Model { kernel, body: self.body, noise, evidence: self.evidence }
     }
 }
 
@@ -304,12 +365,49 @@ mod tests {
             let Found { kernel, noise, .. } = ball.found;
             let about = Model { kernel, body: ball.body, noise, evidence: 0.0 };
             let about = about.surface(dimension, &contacts).unwrap();
-            let error = |field: &Gpis| field.values(&truth).iter().map(|v| v * v).sum::<f64>();
+            let error = |field: &dyn Field| field.values(&truth).iter().map(|v| v * v).sum::<f64>();
             error(&about) / error(&gpis)
         };
         let mut gained: Vec<f64> = (3000..3009).map(gained).collect();
         gained.sort_by(f64::total_cmp);
         assert!(gained[4] > 1.3, "{gained:?}");
+    }
+
+    /// Weights of the ball and of the likeliest other body, and whether one of those explains the contacts.
+    fn weighed(contacts: &[Contact]) -> (f64, f64, bool) {
+        let candidates = candidates(2, contacts, contacts).unwrap();
+        let weights = weights(&candidates, contacts.len());
+        let other = weights[1..].iter().copied().fold(0.0, f64::max);
+        (weights[0], other, candidates[1..].iter().any(Candidate::explains))
+    }
+
+    #[test]
+    fn a_body_that_explains_the_contacts_leaves_no_room_for_the_ball() {
+        for seed in 3000..3005 {
+            let (_, contacts, _) = touched("ellipse:0.1x0.05", 20, seed);
+            let (ball, other, is_explained) = weighed(&contacts);
+            assert!(is_explained && other == 1.0 && ball < NEGLIGIBLE, "{ball} {other}");
+        }
+    }
+
+    #[test]
+    fn bodies_that_do_not_explain_the_contacts_share_with_the_ball() {
+        // A disc with three lobes, which is neither a ball nor another quadric.
+        let touch = |i: i32| {
+            let angle = 0.3 + std::f64::consts::TAU / 8.0 * f64::from(i);
+            let (radius, slope) = (0.05 + 5e-3 * (3.0 * angle).cos(), -0.015 * (3.0 * angle).sin());
+            let (sin, cos) = angle.sin_cos();
+            let normal = Point::new(radius * cos + slope * sin, radius * sin - slope * cos, 0.0);
+            Contact {
+                point: Point::new(radius * cos, radius * sin, 0.0),
+                normal: Some(normal.normalize()),
+                point_deviation: 3e-4,
+                normal_deviation: 0.026,
+            }
+        };
+        let contacts: Vec<Contact> = (0..8).map(touch).collect();
+        let (ball, other, is_explained) = weighed(&contacts);
+        assert!(!is_explained && ball == 1.0 && other > 0.1 && other < 0.9, "{ball} {other}");
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! [`output`] evaluates and writes what a reader wants: report, shape, trajectory and picture,
 //! [`replay`] makes a scene that plays, [`recorded`] one of a link's recording.
 
+pub mod blend;
 pub mod choose;
 pub mod fit;
 pub mod free;

@@ -165,14 +165,13 @@ pub fn shape(
         let (geometry, deviations) = extract(dimension, &experts, contacts)?;
         return Ok((Model::Gp(kernel), geometry, deviations));
     }
-    let model = fit::model(dimension, contacts)?;
-    let gpis = model.opened(dimension, contacts, free)?;
-    let (geometry, deviations) = extract(dimension, &gpis, contacts)?;
+    let (kernel, blend) = fit::fit(dimension, contacts, free)?;
+    let (geometry, deviations) = extract(dimension, &blend, contacts)?;
     let deviations = match open_beside(dimension, contacts, free) {
         Some(doubt) => doubt.widened(&geometry.vertices(), &deviations),
         None => deviations,
     };
-    Ok((Model::Gp(model.kernel), geometry, deviations))
+    Ok((Model::Gp(kernel), geometry, deviations))
 }
 
 /// The log's contacts in the object frame. The doubt about a pose along a contact's normal, and

@@ -119,9 +119,9 @@ fn coarse(
             return Some(coloured(&polytope.geometry, &polytope));
         }
     }
-    let (_, gpis) = fit(dimension, contacts, free).ok()?;
+    let (_, blend) = fit(dimension, contacts, free).ok()?;
     let (geometry, deviations) =
-        extract_at(dimension, &gpis, contacts, CELLS[usize::from(dimension == 3)]).ok()?;
+        extract_at(dimension, &blend, contacts, CELLS[usize::from(dimension == 3)]).ok()?;
     Some(match geometry {
         Geometry::Mesh(mesh) => about(mesh, deviations, contacts),
         outline => (outline, deviations),
