@@ -28,7 +28,7 @@ impl From<f32> for Sum {
 
 impl Sum {
     /// Adds a·b.
-    #[inline]
+    #[inline(never)]
     pub fn add_product(&mut self, a: f32, b: f32) {
         let (product, lost) = product(a, b);
         let sum = self.sum + product;

@@ -425,16 +425,15 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         self.factor.forward(weights);
         self.misfit = weights.iter().map(|v| v * v).sum();
         self.factor.backward(weights);
-        if self.enclosing > 0 {
-            self.refine();
-        }
-        let weights = &self.weights[..self.factor.rows()];
         for site in &mut self.sites[..self.count + self.enclosing] {
             let row = usize::from(site.row);
             site.value_weight = weights[row];
             if site.slope {
                 site.slope_weight = S::Vector::from_fn(|j| weights[row + 1 + j]);
             }
+        }
+        if self.enclosing > 0 {
+            self.refine();
         }
     }
 

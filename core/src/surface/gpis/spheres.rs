@@ -193,21 +193,16 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     pub(super) fn refine(&mut self) {
         let mut rest = [0.0; ROWS];
         for site in self.sites() {
-            let row = usize::from(site.row);
-            Self::residuals(&self.prior, site, &mut rest);
-            let mut sum = Sum::from(rest[row]);
-            sum.add_product(-site.noise, self.weights[row]);
-            for other in self.sites() {
-                let covariance = self.kernel.value((site.point - other.point).norm_squared());
-                sum.add_product(-covariance, self.weights[usize::from(other.row)]);
-            }
-            rest[row] = sum.value();
+            let explained = self.between_spheres(site.point) + site.noise * site.value_weight;
+            rest[usize::from(site.row)] = site.value + site.value_offset - explained;
         }
         let rest = &mut rest[..self.factor.rows()];
         self.factor.forward(rest);
         self.factor.backward(rest);
-        for (weight, more) in self.weights.iter_mut().zip(rest) {
-            *weight += *more;
+        for site in &mut self.sites[..self.count + self.enclosing] {
+            let row = usize::from(site.row);
+            site.value_weight += rest[row];
+            self.weights[row] = site.value_weight;
         }
     }
 
