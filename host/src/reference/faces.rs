@@ -230,6 +230,9 @@ pub struct Faces {
     /// The worst contradiction to convexity in standard deviations: how far a contact lies outside a
     /// face that is not its own.
     pub protrusion: f64,
+    /// Nats by which contacts speak for the relations that [`Faces::regular`] took to hold, against
+    /// faces that lie anyhow; zero before.
+    pub order: f64,
 }
 
 impl Faces {
@@ -297,7 +300,7 @@ impl Faces {
             })
             .collect();
         let (bending, protrusion) = (bending(&felt, &faces), protrusion(&felt, &faces));
-        Faces { dimension, faces, owners, chi_squared, degrees, bending, protrusion }
+        Faces { dimension, faces, owners, chi_squared, degrees, bending, protrusion, order: 0.0 }
     }
 
     /// Whether no contact contradicts a convex object.

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::experts::{self, Experts};
-use crate::reference::body::Body;
+use crate::reference::body::{Body, Part};
 use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::hyper::{Belief, Found, Search};
 use crate::reference::{Contact, Doubt, Faces, Gpis, Kernel, Prior, Training};
@@ -29,6 +29,9 @@ const GAIN: f64 = 1.0;
 
 /// What is left about a body that fits: a tenth of the ball's amplitude more often than not.
 const RESIDUAL: Belief = Belief { mode: 0.1, deviation: 1.0, bounds: (0.005, 10.0) };
+
+/// Flat ends of a round body at most: a quadric of more is a polytope that is worse at its faces.
+const ENDS: usize = 2;
 
 /// A candidate with its hyper-parameters.
 struct Candidate {
@@ -165,6 +168,43 @@ pub fn model_of(
     Ok(best.model(dimension, contacts))
 }
 
+/// Whether a round body with up to two flat ends explains the contacts by itself and is more probable
+/// than these `faces` of theirs, with what speaks for their order: a can felt at twenty places may be a
+/// prism, too, and a box with round edges a polytope with more sides than it has. Faces that show a
+/// hollow stay.
+pub fn is_rounder(dimension: usize, contacts: &[Contact], faces: &Faces) -> bool {
+    let Ok(radius) = radius(contacts) else { return false };
+    let Some((flat, _)) = Body::flat(dimension, contacts, faces) else { return false };
+    if !faces.is_convex() || Body::hollow(dimension, contacts, faces).is_some() {
+        return false;
+    }
+    let search = residual(dimension, contacts);
+    let judging = spread(contacts, JUDGING);
+    let evidence = |body: Body| {
+        let found = Candidate::new(dimension, &judging, radius, body, search);
+        found.ok().map(|candidate| candidate.evidence)
+    };
+    let round: Vec<Body> = rounds(dimension, contacts, Some(faces))
+        .filter(|b| explains(b) && ends(b) <= ENDS)
+        .collect();
+    if round.is_empty() {
+        return false;
+    }
+    let round = round.into_par_iter().filter_map(evidence).reduce(|| f64::NEG_INFINITY, f64::max);
+    evidence(flat).is_some_and(|flat| round > flat + faces.order)
+}
+
+/// How many flat ends a body has.
+fn ends(body: &Body) -> usize {
+    body.parts().iter().filter(|part| matches!(part, Part::Plane(_))).count()
+}
+
+/// Whether the body leaves no more of the contacts than a body of the right kind rarely exceeds.
+fn explains(body: &Body) -> bool {
+    let scatter = (2.0 / body.degrees().max(1.0)).sqrt();
+    body.misfit() < MISFIT.max(1.0 + MISFIT_DEVIATIONS * scatter)
+}
+
 /// Of the ball that fits, metres.
 fn radius(contacts: &[Contact]) -> Result<f64, Error> {
     match Prior::fitted(contacts) {
@@ -248,30 +288,49 @@ fn exactness(dimension: usize, contacts: &[Contact]) -> f64 {
 /// Where poses leave the normals in doubt, contacts fit any body: then there is the ball alone. Where
 /// they contradict all convex bodies, there is nothing but a box about them.
 fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
-    let usual = Search::default();
-    let honest = 1.0 / exactness(dimension, contacts);
-    let noise = usual.noise.map(|belief| Belief { mode: belief.mode * honest, ..belief });
-    let usual = Search { noise, ..usual };
+    let usual = usual(dimension, contacts);
     let ball = Body::ball(dimension, contacts).map(|body| (body, usual));
     let doubt = doubt(contacts);
     if doubt.is_finite() && doubt > DOUBT {
         return ball.into_iter().collect();
     }
-    let residual = Search { amplitude: RESIDUAL, ..usual };
     let faces = Faces::fit(dimension, contacts);
     let hollow = faces.as_ref().and_then(|faces| Body::hollow(dimension, contacts, faces));
     if let Some(body) = hollow {
         return vec![(body, usual)];
     }
     let flat = fitted(dimension, contacts).ok().filter(Faces::is_convex);
-    let others = [
+    let flat = flat.and_then(|faces| Body::polytope(dimension, contacts, &faces));
+    let residual = residual(dimension, contacts);
+    let others = rounds(dimension, contacts, faces.as_ref()).chain(flat);
+    ball.into_iter().chain(others.map(|body| (body, residual))).collect()
+}
+
+/// Bodies other than the ball that are not flat all over.
+fn rounds(
+    dimension: usize,
+    contacts: &[Contact],
+    faces: Option<&Faces>,
+) -> impl Iterator<Item = Body> {
+    let bodies = [
         Body::quadric(dimension, contacts),
         Body::superquadric(dimension, contacts),
-        faces.as_ref().and_then(|faces| Body::cut(dimension, contacts, faces)),
-        flat.and_then(|faces| Body::polytope(dimension, contacts, &faces)),
+        faces.and_then(|faces| Body::cut(dimension, contacts, faces)),
     ];
-    let others = others.into_iter().flatten().map(|body| (body, residual));
-    ball.into_iter().chain(others).collect()
+    bodies.into_iter().flatten()
+}
+
+/// What is believed of the process about a ball.
+fn usual(dimension: usize, contacts: &[Contact]) -> Search {
+    let usual = Search::default();
+    let honest = 1.0 / exactness(dimension, contacts);
+    let noise = usual.noise.map(|belief| Belief { mode: belief.mode * honest, ..belief });
+    Search { noise, ..usual }
+}
+
+/// About a body that fits.
+fn residual(dimension: usize, contacts: &[Contact]) -> Search {
+    Search { amplitude: RESIDUAL, ..usual(dimension, contacts) }
 }
 
 impl Candidate {
@@ -290,10 +349,8 @@ impl Candidate {
         Ok(Candidate { body, search, found, evidence })
     }
 
-    /// Whether the body leaves no more of the contacts than a body of the right kind rarely exceeds.
     fn explains(&self) -> bool {
-        let scatter = (2.0 / self.body.degrees().max(1.0)).sqrt();
-        self.body.misfit() < MISFIT.max(1.0 + MISFIT_DEVIATIONS * scatter)
+        explains(&self.body)
     }
 
     fn model(self, dimension: usize, contacts: &[Contact]) -> Model {
@@ -308,6 +365,7 @@ mod tests {
     use super::*;
     use crate::shape::Field;
     use crate::sim::{ObjectSpec, Options, Touch, simulate};
+    use crate::slam::choose::{self, Choice, judge};
     use crate::slam::{reconstruct, track};
     use crate::space::Point;
 
@@ -408,6 +466,27 @@ mod tests {
         let contacts: Vec<Contact> = (0..8).map(touch).collect();
         let (ball, other, is_explained) = weighed(&contacts);
         assert!(!is_explained && ball == 1.0 && other > 0.1 && other < 0.9, "{ball} {other}");
+    }
+
+    #[test]
+    fn faces_of_a_can_are_no_prism_and_those_of_a_box_stay() {
+        for (object, contacts, seed, round) in [
+            ("cylinder:0.08x0.06", 40, 1002, true),
+            ("cylinder:0.08x0.06", 40, 1005, true),
+            ("ellipse:0.1x0.05", 15, 1004, true),
+            ("box:0.1x0.07x0.05", 20, 1000, false),
+            ("hexagon:0.05", 40, 1001, false),
+            ("lshape:0.1x0.08x0.03", 60, 1000, false),
+        ] {
+            let (dimension, contacts, _) = touched(object, contacts, seed);
+            // All of these contacts allow faces.
+            let (faces, _) = judge(dimension, &contacts, &[]).unwrap();
+            assert_eq!(is_rounder(dimension, &contacts, &faces), round, "{object} {seed}");
+            let auto = Choice::Auto;
+            let (model, ..) =
+                reconstruct::shape(dimension, &contacts, &[], auto, &|_, _| {}).unwrap();
+            assert_eq!(matches!(model, choose::Model::Gp(_)), round, "{object} {seed}");
+        }
     }
 
     #[test]

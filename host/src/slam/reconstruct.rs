@@ -150,7 +150,9 @@ pub fn shape(
     let faced = evenly(contacts, FACED);
     let outside: Vec<Point> = free.iter().map(|f| f.point).collect();
     let polytope = match choice {
-        Choice::Auto => choose::judge(dimension, &faced, &outside).ok(),
+        Choice::Auto => choose::judge(dimension, &faced, &outside)
+            .ok()
+            .filter(|(faces, _)| !fit::is_rounder(dimension, &faced, faces)),
         Choice::Faces => Some(choose::polytope(dimension, &faced, &outside).map_err(Error::Faces)?),
         Choice::Gp => None,
     };

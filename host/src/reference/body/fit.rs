@@ -164,18 +164,24 @@ impl Body {
     /// the share of what was seen once tells how likely the next is new (Good, Biometrika 40, 1953).
     /// Nor, there, where contacts would hardly have left so large a part of it bare.
     pub fn polytope(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<Body> {
+        let (body, guessed) = Body::flat(dimension, contacts, faces)?;
+        let measured = Problem::of(dimension, contacts)?.measured() as f64;
+        let is_decided = guessed == 0 && measured >= DECIDED * (measured - body.degrees);
+        let doubtful = guessed + faces.unconfirmed(contacts).len();
+        let is_doubtful = doubtful as f64 > DOUBTFUL * contacts.len() as f64
+            || body.evenness(dimension, contacts) < EVEN;
+        (is_decided || !is_doubtful).then_some(body)
+    }
+
+    /// The same however doubtful, and how many of its sides are ends that nobody felt.
+    pub fn flat(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<(Body, usize)> {
         let problem = Problem::of(dimension, contacts)?;
         let planes = problem.planes(faces, 1);
         let start = problem.start(Round::Nothing);
         let body = problem.body(&planes.iter().fold(start, |fit, plane| fit.cut(dimension, plane)));
         let body = body?.closed(dimension, contacts, &[]);
         let guessed = body.parts.len() - planes.len();
-        let measured = problem.measured() as f64;
-        let is_decided = guessed == 0 && measured >= DECIDED * (measured - body.degrees);
-        let doubtful = guessed + faces.unconfirmed(contacts).len();
-        let is_doubtful = doubtful as f64 > DOUBTFUL * contacts.len() as f64
-            || body.evenness(dimension, contacts) < EVEN;
-        (is_decided || !is_doubtful).then_some(body)
+        Some((body, guessed))
     }
 }
 

@@ -139,7 +139,7 @@ impl Faces {
         let mut state = State::of(&self.faces, self.dimension);
         let mut pairs: Vec<(usize, usize)> =
             (0..count).flat_map(|i| (0..i).map(move |j| (j, i))).collect();
-        let mut fixed = 0;
+        let (mut fixed, mut order) = (0, 0.0);
         loop {
             let best = pairs
                 .iter()
@@ -149,9 +149,12 @@ impl Faces {
                     Some((at, state.plausible(&relation)?, relation))
                 })
                 .max_by(|a, b| a.1.total_cmp(&b.1));
-            let Some((at, _, relation)) = best else { break };
+            let Some((at, factor, relation)) = best else { break };
             pairs.swap_remove(at);
-            fixed += state.correct(&relation);
+            let open = state.correct(&relation);
+            fixed += open;
+            // What earlier relations fixed is no evidence again.
+            order += factor * open as f64 / relation.residual.len() as f64;
         }
         for (i, face) in state.faces.iter_mut().enumerate() {
             face.offset = face.normal.dot(&face.centroid);
@@ -165,6 +168,7 @@ impl Faces {
         let mut faces =
             Faces::explaining(self.dimension, contacts, state.faces, self.owners.clone());
         faces.degrees += fixed as f64;
+        faces.order = order;
         faces
     }
 }
