@@ -18,6 +18,7 @@ use crate::space::Point;
 mod close;
 mod fit;
 mod hollow;
+mod moved;
 
 /// The quadric (p − c)ᵀ A (p − c) = 1 with A positive semi-definite (thesis 2.19 and 2.20; an
 /// eigenvalue of zero makes a cylinder) as a distance to first order: with q² = (p − c)ᵀ A (p − c),
@@ -179,6 +180,8 @@ struct Mode {
 pub struct Body {
     parts: Vec<Part>,
     modes: Vec<Mode>,
+    /// By how many of its deviations each mode has moved its part; none where parts are as fitted.
+    moved: Vec<f64>,
     /// Half the squared distance of its parameters from those most bodies have, in deviations.
     oddity: f64,
     /// χ² of the body alone and its degrees of freedom.
@@ -257,15 +260,18 @@ impl Body {
 
 impl Mean for Body {
     fn value(&self, p: &Point) -> f64 {
-        self.active(p).1.0
+        let (part, local) = self.active(p);
+        local.0 - self.gone(part, p).0
     }
 
     fn gradient(&self, p: &Point) -> Point {
-        self.active(p).1.1
+        let (part, local) = self.active(p);
+        local.1 - self.gone(part, p).1
     }
 
     fn felt(&self, contact: &Contact) -> Point {
-        self.touched(contact).1.1
+        let (part, local) = self.touched(contact);
+        local.1 - self.gone(part, &contact.point).1
     }
 
     fn modes(&self, p: &Point) -> Vec<Local> {

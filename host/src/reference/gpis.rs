@@ -178,6 +178,11 @@ impl Gpis {
         self.observations.len()
     }
 
+    /// What the contacts make of each of the mean's modes, in its standard deviations.
+    pub fn shifts(&self) -> &[f64] {
+        self.shifts.as_slice()
+    }
+
     /// Distance from `point` to the nearest contact, metres; infinite without any.
     pub fn nearest(&self, point: &Point) -> f64 {
         let p = self.flat(point);

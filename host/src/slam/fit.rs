@@ -1,5 +1,7 @@
 //! The Gaussian process that suits the contacts: what it is about, and its hyper-parameters.
 
+use std::iter::successors;
+
 use rayon::prelude::*;
 
 use crate::experts::{self, Experts};
@@ -11,6 +13,7 @@ use crate::slam::blend::Blend;
 use crate::slam::choose::{DOUBT, doubt, fitted};
 use crate::slam::free::{Free, open};
 use crate::slam::reconstruct::Error;
+use crate::space::Point;
 
 /// Contacts that decide the hyper-parameters at most, and what the process is about; the fit itself
 /// uses all.
@@ -30,8 +33,8 @@ const GAIN: f64 = 1.0;
 /// What is left about a body that fits: a tenth of the ball's amplitude more often than not.
 const RESIDUAL: Belief = Belief { mode: 0.1, deviation: 1.0, bounds: (0.005, 10.0) };
 
-/// Flat ends of a round body at most: a quadric of more is a polytope that is worse at its faces.
-const ENDS: usize = 2;
+/// How often the parts of a body are put where contacts move them.
+const SETTLING: usize = 4;
 
 /// A candidate with its hyper-parameters.
 struct Candidate {
@@ -168,10 +171,10 @@ pub fn model_of(
     Ok(best.model(dimension, contacts))
 }
 
-/// Whether a round body with up to two flat ends explains the contacts by itself and is more probable
-/// than these `faces` of theirs, with what speaks for their order: a can felt at twenty places may be a
-/// prism, too, and a box with round edges a polytope with more sides than it has. Faces that show a
-/// hollow stay.
+/// Whether a round body explains the contacts by itself and is more probable than these `faces` of theirs,
+/// with what speaks for their order: a can felt at twenty places may be a prism, too, and a box with round
+/// edges a polytope with more sides than it has. Round is what has up to two flat ends, in the plane one:
+/// a flat ellipse between two lines is a quadrilateral. Faces that show a hollow stay.
 pub fn is_rounder(dimension: usize, contacts: &[Contact], faces: &Faces) -> bool {
     let Ok(radius) = radius(contacts) else { return false };
     let Some((flat, _)) = Body::flat(dimension, contacts, faces) else { return false };
@@ -185,7 +188,7 @@ pub fn is_rounder(dimension: usize, contacts: &[Contact], faces: &Faces) -> bool
         found.ok().map(|candidate| candidate.evidence)
     };
     let round: Vec<Body> = rounds(dimension, contacts, Some(faces))
-        .filter(|b| explains(b) && ends(b) <= ENDS)
+        .filter(|b| explains(b) && ends(b) < dimension)
         .collect();
     if round.is_empty() {
         return false;
@@ -346,7 +349,35 @@ impl Candidate {
         let mean = body.clone();
         let found = search.run(dimension, family, mean, Training::Derivative, contacts, radius)?;
         let evidence = found.log_posterior - body.oddity();
-        Ok(Candidate { body, search, found, evidence })
+        Ok(Candidate { body, search, found, evidence }.settled(dimension, contacts))
+    }
+
+    /// The same with the parts of its body where these contacts move them, as far as that makes the
+    /// contacts more probable.
+    fn settled(self, dimension: usize, contacts: &[Contact]) -> Candidate {
+        let noise = self.noise(dimension, contacts);
+        let noisy: Vec<Contact> = contacts.iter().map(|c| c.with_noise(noise)).collect();
+        let about = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len().max(1) as f64;
+        let kernel = self.found.kernel;
+        let fitted = |body: Body| {
+            let surface =
+                Gpis::fit(dimension, kernel, body.clone(), Training::Derivative, &noisy).ok()?;
+            Some((body, surface))
+        };
+        let moved = |(body, surface): &(Body, Gpis)| fitted(body.moved(surface.shifts(), &about)?);
+        let likelihood = |(_, surface): &(Body, Gpis)| surface.log_marginal_likelihood();
+        let Some(first) = fitted(self.body.clone()) else { return self };
+        let before = likelihood(&first);
+        let all = successors(Some(first), moved).take(1 + SETTLING);
+        let best = all.max_by(|a, b| likelihood(a).total_cmp(&likelihood(b)));
+        let Some(best) = best else { return self };
+        let evidence = self.evidence + likelihood(&best) - before;
+        Candidate { body: best.0, evidence, ..self }
+    }
+
+    /// Factor on the contacts' deviations.
+    fn noise(&self, dimension: usize, contacts: &[Contact]) -> f64 {
+        self.found.noise * exactness(dimension, contacts)
     }
 
     fn explains(&self) -> bool {
@@ -354,9 +385,8 @@ impl Candidate {
     }
 
     fn model(self, dimension: usize, contacts: &[Contact]) -> Model {
-        let Found { kernel, noise, .. } = self.found;
-        let noise = noise * exactness(dimension, contacts);
-        Model { kernel, body: self.body, noise, evidence: self.evidence }
+        let noise = self.noise(dimension, contacts);
+        Model { kernel: self.found.kernel, body: self.body, noise, evidence: self.evidence }
     }
 }
 
@@ -367,7 +397,6 @@ mod tests {
     use crate::sim::{ObjectSpec, Options, Touch, simulate};
     use crate::slam::choose::{self, Choice, judge};
     use crate::slam::{reconstruct, track};
-    use crate::space::Point;
 
     /// Contacts drawn uniformly, 1 mm and 5°, and points of the true surface.
     fn touched(object: &str, contacts: usize, seed: u64) -> (usize, Vec<Contact>, Vec<Point>) {

@@ -150,6 +150,7 @@ impl Body {
         let body = Body {
             parts: vec![Part::Superquadric(found.form())],
             modes: found.neighbours().into_iter().map(mode).collect(),
+            moved: vec![],
             oddity: misfit.oddity,
             chi_squared: misfit.chi_squared,
             degrees: misfit.degrees,
@@ -338,7 +339,7 @@ impl Problem {
         let planes = (fit.parameters.len() - round) / (self.dimension + 1);
         let degrees = self.measured() as f64 - (round + self.dimension * planes) as f64;
         let parts = placed(&fit.parameters)?;
-        Some(Body { parts, modes, oddity, chi_squared: exact.cost, degrees })
+        Some(Body { parts, modes, moved: vec![], oddity, chi_squared: exact.cost, degrees })
     }
 
     /// Standardised residuals: per contact the body's value, and the normal's difference from the

@@ -156,7 +156,8 @@ fn a_corner_is_closed_like_a_block() {
         (0..3).flat_map(|axis| places.map(|(u, v)| side(axis, u, v))).collect();
     let sides = (0..3).map(|axis| Plane { normal: Point::ith(axis, 1.0), offset: 0.03 });
     let parts = sides.map(Part::Plane).collect();
-    let corner = Body { parts, modes: vec![], oddity: 0.0, chi_squared: 0.0, degrees: 0.0 };
+    let corner =
+        Body { parts, modes: vec![], moved: vec![], oddity: 0.0, chi_squared: 0.0, degrees: 0.0 };
     let body = corner.closed(3, &contacts, &[]);
     assert_eq!(body.parts().len(), 6);
     for axis in 0..3 {
@@ -266,4 +267,85 @@ fn doubt_about_the_body_widens_the_band_away_from_contacts() {
     assert!(variances[0].sqrt() < 1e-3, "{}", variances[0].sqrt());
     // The kernel alone would claim a millimetre.
     assert!(variances[1].sqrt() > 3e-3, "{}", variances[1].sqrt());
+}
+
+/// A square of 60 mm, each side felt at three places; the right side leans out by `lean` at the top.
+fn square(lean: f64) -> Vec<Contact> {
+    let mut contacts = Vec::new();
+    for along in [-0.02, 0.0, 0.02] {
+        for (normal, side) in [
+            (Point::new(1.0, -lean, 0.0), Point::new(0.03 + lean * along, along, 0.0)),
+            (-Point::x(), Point::new(-0.03, along, 0.0)),
+            (Point::y(), Point::new(along, 0.03, 0.0)),
+            (-Point::y(), Point::new(along, -0.03, 0.0)),
+        ] {
+            contacts.push(Contact {
+                point: side,
+                normal: Some(normal.normalize()),
+                point_deviation: 1e-4,
+                normal_deviation: 0.01,
+            });
+        }
+    }
+    contacts
+}
+
+#[test]
+fn a_plane_that_contacts_turn_takes_its_edges_along() {
+    let faces = Faces::fit(2, &square(0.0)).unwrap();
+    let (body, _) = Body::flat(2, &square(0.0), &faces).unwrap();
+    let kernel = Kernel::Matern32 { amplitude: 1e-3, lengthscale: 0.05 };
+    let leaning = square(0.47);
+    let fit = |body: &Body| Gpis::fit(2, kernel, body.clone(), Training::Derivative, &leaning);
+    let stiff = fit(&body).unwrap();
+    let mut turned = body.clone();
+    for _ in 0..3 {
+        turned = turned.moved(fit(&turned).unwrap().shifts(), &Point::zeros()).unwrap();
+    }
+    let moved = fit(&turned).unwrap();
+    // Above the top side, left of where the right one leans to, right of where it stood.
+    let beyond = Point::new(0.042, 0.034, 0.0);
+    let [stiff, moved] = [stiff, moved].map(|surface| surface.means(&[beyond])[0]);
+    assert!(stiff < 0.0, "a sheet beyond the edge {stiff}");
+    assert!((moved - 0.004).abs() < 1e-3, "{moved}");
+}
+
+proptest! {
+    #[test]
+    fn moving_a_body_changes_nothing_of_what_is_believed(
+        by in prop::collection::vec(-0.2f64..0.2, 40),
+        p in prop::array::uniform3(-0.06f64..0.06),
+    ) {
+        let contacts = can(5e-4);
+        let body = Body::cut(3, &contacts, &Faces::fit(3, &contacts).unwrap()).unwrap();
+        let p = Point::from(p);
+        let by = &by[..body.modes(&p).len()];
+        let Some(moved) = body.moved(by, &Point::zeros()) else { return Ok(()) };
+        // What the process adds to the mean puts every part where it was moved to ...
+        let parts = moved.parts().iter().map(|part| part.at(&p).0).fold(f64::NEG_INFINITY, f64::max);
+        let shifts: f64 = moved.modes(&p).iter().zip(by).map(|(mode, by)| mode.0 * by).sum();
+        prop_assert!((moved.value(&p) + shifts - parts).abs() < 1e-9);
+        // ... and in two steps it is the same as in one, but for what is of second order in them.
+        let half: Vec<f64> = by.iter().map(|by| 0.5 * by).collect();
+        let twice = body.moved(&half, &Point::zeros()).and_then(|b| b.moved(by, &Point::zeros()));
+        let Some(twice) = twice else { return Ok(()) };
+        let ends = twice.parts().iter().map(|part| part.at(&p).0).fold(f64::NEG_INFINITY, f64::max);
+        prop_assert!((ends - parts).abs() < 3e-3, "{ends} {parts}");
+    }
+}
+
+#[test]
+fn a_body_is_moved_nowhere_by_what_is_no_number() {
+    let contacts = can(5e-4);
+    let body = Body::cut(3, &contacts, &Faces::fit(3, &contacts).unwrap()).unwrap();
+    let count = body.modes(&Point::zeros()).len();
+    assert!(body.moved(&vec![f64::NAN; count], &Point::zeros()).is_none());
+    assert!(body.moved(&vec![f64::INFINITY; count], &Point::zeros()).is_none());
+    // Fewer numbers than modes leave the others.
+    assert_eq!(
+        body.moved(&[], &Point::zeros()).unwrap().value(&Point::x()),
+        body.value(&Point::x())
+    );
+    let ball = Body::doubtful_ball(3, &contacts).unwrap();
+    assert!(ball.moved(&[0.1; 4], &Point::zeros()).is_none());
 }

@@ -1,0 +1,100 @@
+//! A body where contacts moved it.
+//!
+//! The process takes parts to change with their parameters to first order, from where they were
+//! fitted: an edge stays where it was however far contacts turn the planes that meet there. So the
+//! parts are put where they went, and orders are taken again there (the iterated update of Bell and
+//! Cathey, IEEE Transactions on Automatic Control 38, 1993).
+
+use std::iter::repeat;
+
+use nalgebra::SymmetricEigen;
+
+use super::{Body, Mode, Part, Plane, Quadric};
+use crate::reference::mean::Local;
+use crate::space::Point;
+
+/// Difference of a mode, in its deviations, for its slope.
+const NUDGE: f64 = 1e-5;
+
+/// Least eigenvalue of a quadric's form over its greatest that is none: a hyperboloid has no inside.
+const HOLLOW: f64 = -1e-9;
+
+impl Body {
+    /// The same body with its planes and quadrics where the modes are `by` of their deviations from
+    /// what was believed ([`Gpis::shifts`](crate::reference::Gpis::shifts)); planes turn about the point
+    /// `about`. What is believed stays as it was: to first order the mean is what it had been. `None`
+    /// where a part cannot be there, and where there is none to move.
+    pub fn moved(&self, by: &[f64], about: &Point) -> Option<Body> {
+        let moves =
+            |mode: &Mode| matches!(self.parts[mode.part], Part::Plane(_) | Part::Quadric(_));
+        if !self.modes.iter().any(moves) {
+            return None;
+        }
+        let before = self.moved.iter().copied().chain(repeat(0.0));
+        let wanted = by.iter().copied().chain(repeat(0.0));
+        let ways = self.modes.iter().zip(before.zip(wanted));
+        let to: Vec<f64> = ways.map(|(m, (from, to))| if moves(m) { to } else { from }).collect();
+        let before = self.moved.iter().copied().chain(repeat(0.0));
+        let steps: Vec<f64> = to.iter().zip(before).map(|(to, from)| to - from).collect();
+        let parts = (0..self.parts.len()).map(|part| self.placed(part, &steps, about));
+        let mode = |(index, mode): (usize, &Mode)| {
+            let nudged = |nudge: f64| {
+                let mut steps = steps.clone();
+                steps[index] += nudge;
+                self.placed(mode.part, &steps, about)
+            };
+            if !moves(mode) {
+                return Some(*mode);
+            }
+            let (more, less) = (nudged(NUDGE)?, nudged(-NUDGE)?);
+            Some(Mode { part: mode.part, more, less, scale: (2.0 * NUDGE).recip() })
+        };
+        Some(Body {
+            parts: parts.collect::<Option<_>>()?,
+            modes: self.modes.iter().enumerate().map(mode).collect::<Option<_>>()?,
+            moved: to,
+            ..self.clone()
+        })
+    }
+
+    /// A part after so many deviations of each mode.
+    fn placed(&self, part: usize, steps: &[f64], about: &Point) -> Option<Part> {
+        let own = self.modes.iter().zip(steps).filter(|(mode, _)| mode.part == part);
+        let changes = own.map(|(mode, step)| (mode.more, mode.less, mode.scale * step));
+        match self.parts[part] {
+            Part::Plane(plane) => {
+                let depth = |plane: &Plane| plane.offset - plane.normal.dot(about);
+                let (mut normal, mut deep) = (plane.normal, depth(&plane));
+                for change in changes {
+                    let (Part::Plane(more), Part::Plane(less), times) = change else { continue };
+                    normal += (more.normal - less.normal) * times;
+                    deep += (depth(&more) - depth(&less)) * times;
+                }
+                let normal = normal.try_normalize(f64::EPSILON)?;
+                let offset = deep + normal.dot(about);
+                offset.is_finite().then_some(Part::Plane(Plane { normal, offset }))
+            }
+            Part::Quadric(quadric) => {
+                let (mut centre, mut form) = (quadric.centre, quadric.form);
+                for change in changes {
+                    let (Part::Quadric(more), Part::Quadric(less), times) = change else {
+                        continue;
+                    };
+                    centre += (more.centre - less.centre) * times;
+                    form += (more.form - less.form) * times;
+                }
+                let moved = Quadric::new(centre, form)?;
+                let values = SymmetricEigen::new(form).eigenvalues;
+                (values.min() > HOLLOW * values.max()).then_some(Part::Quadric(moved))
+            }
+            other => Some(other),
+        }
+    }
+
+    /// By how much parts have been moved, to first order: the process adds it again.
+    pub(super) fn gone(&self, part: usize, p: &Point) -> Local {
+        let modes = self.modes_of(part, p).zip(&self.moved);
+        let nothing = (0.0, Point::zeros());
+        modes.fold(nothing, |sum, (mode, by)| (sum.0 + mode.0 * by, sum.1 + mode.1 * *by))
+    }
+}
