@@ -152,6 +152,8 @@ struct Mode {
     less: Part,
     /// 1/(parameter's way from less to more in standard deviations).
     scale: f64,
+    /// By how many of those the part has been moved since it was fitted.
+    moved: f64,
 }
 
 /// The intersection of parts as the maximum of their fields, with creases where they meet.
@@ -180,8 +182,6 @@ struct Mode {
 pub struct Body {
     parts: Vec<Part>,
     modes: Vec<Mode>,
-    /// By how many of its deviations each mode has moved its part; none where parts are as fitted.
-    moved: Vec<f64>,
     /// Half the squared distance of its parameters from those most bodies have, in deviations.
     oddity: f64,
     /// χ² of the body alone and its degrees of freedom.

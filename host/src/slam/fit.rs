@@ -504,6 +504,7 @@ mod tests {
             ("cylinder:0.08x0.06", 40, 1005, true),
             ("ellipse:0.1x0.05", 15, 1004, true),
             ("box:0.1x0.07x0.05", 20, 1000, false),
+            ("triangle:0.08", 15, 1000, false),
             ("hexagon:0.05", 40, 1001, false),
             ("lshape:0.1x0.08x0.03", 60, 1000, false),
         ] {
@@ -516,6 +517,41 @@ mod tests {
                 reconstruct::shape(dimension, &contacts, &[], auto, &|_, _| {}).unwrap();
             assert_eq!(matches!(model, choose::Model::Gp(_)), round, "{object} {seed}");
         }
+    }
+
+    #[test]
+    fn bodies_settle_where_contacts_are() {
+        // A square whose right side leans out at the top.
+        let lean = 0.47;
+        let side = |normal: Point, point: Point| Contact {
+            point,
+            normal: Some(normal.normalize()),
+            point_deviation: 1e-4,
+            normal_deviation: 0.02,
+        };
+        let sides = |lean: f64| -> Vec<Contact> {
+            let three = [-0.02, 0.0, 0.02].into_iter();
+            let all = three.flat_map(|along| {
+                [
+                    side(Point::new(1.0, -lean, 0.0), Point::new(0.03 + lean * along, along, 0.0)),
+                    side(-Point::x(), Point::new(-0.03, along, 0.0)),
+                    side(Point::y(), Point::new(0.5 * along - 0.01, 0.03, 0.0)),
+                    side(-Point::y(), Point::new(0.5 * along - 0.01, -0.03, 0.0)),
+                ]
+            });
+            all.collect()
+        };
+        let upright = sides(0.0);
+        let faces = Faces::fit(2, &upright).unwrap();
+        let (body, _) = Body::flat(2, &upright, &faces).unwrap();
+        let contacts = sides(lean);
+        let search = residual(2, &contacts);
+        let settled = Candidate::new(2, &contacts, 0.04, body, search).unwrap();
+        let right = settled.body.parts().iter().find_map(|part| match part {
+            Part::Plane(plane) if plane.normal.x > 0.5 => Some(-plane.normal.y / plane.normal.x),
+            _ => None,
+        });
+        assert!((right.unwrap() - lean).abs() < 0.03, "{right:?}");
     }
 
     #[test]

@@ -59,6 +59,7 @@ impl Body {
                 more: at(NUDGE),
                 less: at(-NUDGE),
                 scale: DOUBT * reach / (2.0 * NUDGE),
+                moved: 0.0,
             });
             body.parts.push(at(0.0));
         };

@@ -145,12 +145,12 @@ impl Body {
             more: Part::Superquadric(more),
             less: Part::Superquadric(less),
             scale,
+            moved: 0.0,
         };
         let misfit = found.misfit();
         let body = Body {
             parts: vec![Part::Superquadric(found.form())],
             modes: found.neighbours().into_iter().map(mode).collect(),
-            moved: vec![],
             oddity: misfit.oddity,
             chi_squared: misfit.chi_squared,
             degrees: misfit.degrees,
@@ -328,7 +328,7 @@ impl Problem {
             let (more, less) = (moved(NUDGE)?[part], moved(-NUDGE)?[part]);
             let normal = j >= round && (j - round) % (self.dimension + 1) < self.dimension;
             let deviation = if normal { DIRECTION } else { SHAPE };
-            Some(Mode { part, more, less, scale: deviation / (2.0 * NUDGE) })
+            Some(Mode { part, more, less, scale: deviation / (2.0 * NUDGE), moved: 0.0 })
         };
         let modes = (0..fit.parameters.len()).map(mode).collect::<Option<_>>()?;
         let usual = self.start(fit.round).parameters;
@@ -339,7 +339,7 @@ impl Problem {
         let planes = (fit.parameters.len() - round) / (self.dimension + 1);
         let degrees = self.measured() as f64 - (round + self.dimension * planes) as f64;
         let parts = placed(&fit.parameters)?;
-        Some(Body { parts, modes, moved: vec![], oddity, chi_squared: exact.cost, degrees })
+        Some(Body { parts, modes, oddity, chi_squared: exact.cost, degrees })
     }
 
     /// Standardised residuals: per contact the body's value, and the normal's difference from the

@@ -38,14 +38,7 @@ impl Body {
         let ends = axes(dimension, &faces.faces).into_iter().flat_map(|n| [end(n), end(-n)]);
         let parts: Vec<Part> =
             std::iter::once(Part::Prior(Prior::Constant(0.0))).chain(ends).collect();
-        let nothing = Body {
-            parts,
-            modes: vec![],
-            moved: vec![],
-            oddity: 0.0,
-            chi_squared: 0.0,
-            degrees: 0.0,
-        };
+        let nothing = Body { parts, modes: vec![], oddity: 0.0, chi_squared: 0.0, degrees: 0.0 };
         let chi_squared = contacts.iter().map(|c| nothing.chi_squared_of(c)).sum();
         let measured = |c: &Contact| if c.normal.is_some() { dimension } else { 1 };
         let degrees = contacts.iter().map(measured).sum::<usize>() as f64;

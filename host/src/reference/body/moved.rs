@@ -30,12 +30,9 @@ impl Body {
         if !self.modes.iter().any(moves) {
             return None;
         }
-        let before = self.moved.iter().copied().chain(repeat(0.0));
-        let wanted = by.iter().copied().chain(repeat(0.0));
-        let ways = self.modes.iter().zip(before.zip(wanted));
-        let to: Vec<f64> = ways.map(|(m, (from, to))| if moves(m) { to } else { from }).collect();
-        let before = self.moved.iter().copied().chain(repeat(0.0));
-        let steps: Vec<f64> = to.iter().zip(before).map(|(to, from)| to - from).collect();
+        let ways = self.modes.iter().zip(by.iter().chain(repeat(&0.0)));
+        let step = |(mode, to): (&Mode, &f64)| if moves(mode) { to - mode.moved } else { 0.0 };
+        let steps: Vec<f64> = ways.map(step).collect();
         let parts = (0..self.parts.len()).map(|part| self.placed(part, &steps, about));
         let mode = |(index, mode): (usize, &Mode)| {
             let nudged = |nudge: f64| {
@@ -46,13 +43,17 @@ impl Body {
             if !moves(mode) {
                 return Some(*mode);
             }
-            let (more, less) = (nudged(NUDGE)?, nudged(-NUDGE)?);
-            Some(Mode { part: mode.part, more, less, scale: (2.0 * NUDGE).recip() })
+            Some(Mode {
+                part: mode.part,
+                more: nudged(NUDGE)?,
+                less: nudged(-NUDGE)?,
+                scale: (2.0 * NUDGE).recip(),
+                moved: mode.moved + steps[index],
+            })
         };
         Some(Body {
             parts: parts.collect::<Option<_>>()?,
             modes: self.modes.iter().enumerate().map(mode).collect::<Option<_>>()?,
-            moved: to,
             ..self.clone()
         })
     }
@@ -93,8 +94,8 @@ impl Body {
 
     /// By how much parts have been moved, to first order: the process adds it again.
     pub(super) fn gone(&self, part: usize, p: &Point) -> Local {
-        let modes = self.modes_of(part, p).zip(&self.moved);
+        let moved = self.modes_of(part, p).zip(self.modes.iter().map(|mode| mode.moved));
         let nothing = (0.0, Point::zeros());
-        modes.fold(nothing, |sum, (mode, by)| (sum.0 + mode.0 * by, sum.1 + mode.1 * *by))
+        moved.fold(nothing, |sum, (local, by)| (sum.0 + local.0 * by, sum.1 + local.1 * by))
     }
 }
