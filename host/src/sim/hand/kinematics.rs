@@ -73,7 +73,8 @@ impl Model {
 
     /// Values of the coordinates near `start` that bring a point of a link (link frame) as near as they
     /// can to `target` (root frame): damped least squares (Wampler 1986) with the coordinates held
-    /// within their limits, those at a limit left out of the step that would pass it.
+    /// within their limits, those at a limit left out of the step that would pass it. What it finds is as
+    /// near as any in the neighbourhood; far from `start` there may be better.
     pub fn solve(&self, link: usize, point: &Point, target: &Point, start: &[f64]) -> Reached {
         let clamp =
             |i: usize, v: f64| v.clamp(self.coordinates[i].lower, self.coordinates[i].upper);
