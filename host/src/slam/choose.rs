@@ -1,6 +1,7 @@
 //! Which surface model suits the contacts: fitted faces where every sign says that the object has flat
 //! ones, the Gaussian process otherwise.
 
+use crate::reference::body::Body;
 use crate::reference::faces::{Face, Faces, Owner};
 use crate::reference::{Contact, Kernel};
 use crate::shape::Geometry;
@@ -119,13 +120,15 @@ const MISFIT_DEVIATIONS: f64 = 2.0;
 /// Deviations of bending that flat faces do not show: once in a hundred.
 const BENT: f64 = 2.3;
 
-/// Most faces per contact: fewer contacts a face fit anything.
+/// Most faces per contact: fewer contacts a face fit anything. More of a hollow object, of which the
+/// process knows next to nothing: there doubtful faces say more.
 const SHARE: f64 = 0.45;
+const SHARE_HOLLOW: f64 = 0.55;
 
 /// Farthest that a corner may lie from every contact, in distances from the contacts' centre to the
 /// farthest of them. The neighbours of a missed side of a hexagon meet at 1, of an octagon at 0.7; the
 /// corners of rectangles and triangles with 2.5 contacts a side lie at 0.2 to 0.5. Where every face has
-/// its counterpart no side was missed.
+/// its counterpart no side was missed. On a hollow object it does not matter, for the same reason.
 const UNTOUCHED: f64 = 0.6;
 
 /// Most faces of one contact that nothing else confirms, as a share of the contacts. It estimates how
@@ -261,8 +264,10 @@ fn examine(
         return Err(Refusal::Misfit { per_degree });
     }
     let polytope = close(&faces, contacts, free)?;
+    let is_hollow = !faces.is_convex() && Body::hollow(dimension, contacts, &faces).is_some();
     let count = polytope.touched_planes();
-    if count as f64 > SHARE * felt as f64 {
+    let share = if is_hollow { SHARE_HOLLOW } else { SHARE };
+    if count as f64 > share * felt as f64 {
         return Err(Refusal::Few { faces: count, contacts: felt });
     }
     let unexplained = unexplained(&faces, &polytope, contacts);
@@ -271,7 +276,7 @@ fn examine(
     }
     let distance = untouched(&polytope, contacts);
     let paired = closures(&faces, contacts).is_empty();
-    if distance > UNTOUCHED * farthest(contacts) && !paired {
+    if !is_hollow && distance > UNTOUCHED * farthest(contacts) && !paired {
         return Err(Refusal::Untouched { distance });
     }
     Ok((faces, polytope))
@@ -364,6 +369,17 @@ mod tests {
         assert_eq!(faces.faces.len(), 4);
         let Geometry::Outline(outline) = polytope.geometry else { panic!() };
         assert!((outline.area() - 0.0072).abs() < 1e-4);
+    }
+
+    #[test]
+    fn two_contacts_a_face_are_enough_of_a_hollow_object() {
+        let l = [[0.0, 0.0], [90.0, 0.0], [90.0, 35.0], [35.0, 35.0], [35.0, 90.0], [0.0, 90.0]];
+        let (_, polytope) = judge(2, &along(&l, 2), &[]).unwrap();
+        let Geometry::Outline(outline) = polytope.geometry else { panic!() };
+        assert!((outline.area() - 0.005_075).abs() < 2e-4, "{}", outline.area());
+        let turn = |i: usize| (i as f64 * std::f64::consts::FRAC_PI_3).sin_cos();
+        let hexagon: Vec<[f64; 2]> = (0..6).map(|i| [45.0 * turn(i).1, 45.0 * turn(i).0]).collect();
+        assert!(matches!(judge(2, &along(&hexagon, 2), &[]), Err(Refusal::Few { .. })));
     }
 
     #[test]
