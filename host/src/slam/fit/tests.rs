@@ -1,0 +1,230 @@
+use super::*;
+use crate::shape::Field;
+use crate::sim::{ObjectSpec, Options, Touch, simulate};
+use crate::slam::choose::{self, Choice, judge};
+use crate::slam::{reconstruct, track};
+
+/// Contacts drawn uniformly, 1 mm and 5°, and points of the true surface.
+fn touched(object: &str, contacts: usize, seed: u64) -> (usize, Vec<Contact>, Vec<Point>) {
+    let spec: ObjectSpec = object.parse().unwrap();
+    let options = Options {
+        grasps: Some(1),
+        contacts,
+        touch: Touch::Uniform,
+        seed,
+        ..Options::new(spec.clone())
+    };
+    let simulation = simulate(&options).unwrap();
+    let steps = track::truth(&simulation.log).unwrap();
+    let placed = reconstruct::place(&simulation.log, &steps);
+    let truth = simulation.geometry.samples(200).into_iter().map(|s| s.0).collect();
+    (spec.dimension(), placed.into_iter().map(|p| p.contact).collect(), truth)
+}
+
+/// Median over seeds of the root mean square of the field on the true surface, metres.
+fn error(object: &str, contacts: usize) -> f64 {
+    let one = |seed: u64| {
+        let (dimension, contacts, truth) = touched(object, contacts, seed);
+        let (_, gpis) = fit(dimension, &contacts, &[]).unwrap();
+        let squares: f64 = gpis.values(&truth).iter().map(|v| v * v).sum();
+        (squares / truth.len() as f64).sqrt()
+    };
+    let mut errors: Vec<f64> = (3000..3005).map(one).collect();
+    errors.sort_by(f64::total_cmp);
+    errors[2]
+}
+
+#[test]
+fn an_ellipse_is_known_from_ten_contacts() {
+    let error = error("ellipse:0.1x0.05", 10);
+    assert!(error < 1.5e-3, "{error}");
+}
+
+#[test]
+fn five_contacts_say_more_than_a_ball() {
+    for (object, most) in [("ellipse:0.1x0.05", 3e-3), ("rectangle:0.1x0.05", 8e-3)] {
+        let error = error(object, 5);
+        assert!(error < most, "{object} {error}");
+    }
+}
+
+#[test]
+fn what_contacts_contradict_is_no_ball() {
+    let gained = |seed: u64| {
+        let (dimension, contacts, truth) = touched("lshape:0.1x0.08x0.03", 12, seed);
+        let (_, gpis) = fit(dimension, &contacts, &[]).unwrap();
+        let ball = Body::ball(dimension, &contacts).unwrap();
+        let ball = Candidate::new(dimension, &contacts, 0.05, ball, Search::default()).unwrap();
+        let Found { kernel, noise, .. } = ball.found;
+        let about = Model { kernel, body: ball.body, noise, evidence: 0.0 };
+        let about = about.surface(dimension, &contacts).unwrap();
+        let error = |field: &dyn Field| field.values(&truth).iter().map(|v| v * v).sum::<f64>();
+        error(&about) / error(&gpis)
+    };
+    let mut gained: Vec<f64> = (3000..3009).map(gained).collect();
+    gained.sort_by(f64::total_cmp);
+    assert!(gained[4] > 1.3, "{gained:?}");
+}
+
+/// Weights of the ball and of the likeliest other body, and whether one of those explains the contacts.
+fn weighed(contacts: &[Contact]) -> (f64, f64, bool) {
+    let candidates = candidates(2, contacts, contacts).unwrap();
+    let weights = weights(&candidates, contacts.len());
+    let other = weights[1..].iter().copied().fold(0.0, f64::max);
+    (weights[0], other, candidates[1..].iter().any(Candidate::explains))
+}
+
+#[test]
+fn a_body_that_explains_the_contacts_leaves_no_room_for_the_ball() {
+    for seed in 3000..3005 {
+        let (_, contacts, _) = touched("ellipse:0.1x0.05", 20, seed);
+        let (ball, other, is_explained) = weighed(&contacts);
+        assert!(is_explained && other == 1.0 && ball < NEGLIGIBLE, "{ball} {other}");
+    }
+}
+
+#[test]
+fn bodies_that_do_not_explain_the_contacts_share_with_the_ball() {
+    // A disc with three lobes, which is neither a ball nor another quadric.
+    let touch = |i: i32| {
+        let angle = 0.3 + std::f64::consts::TAU / 8.0 * f64::from(i);
+        let (radius, slope) = (0.05 + 5e-3 * (3.0 * angle).cos(), -0.015 * (3.0 * angle).sin());
+        let (sin, cos) = angle.sin_cos();
+        let normal = Point::new(radius * cos + slope * sin, radius * sin - slope * cos, 0.0);
+        Contact {
+            point: Point::new(radius * cos, radius * sin, 0.0),
+            normal: Some(normal.normalize()),
+            point_deviation: 3e-4,
+            normal_deviation: 0.026,
+        }
+    };
+    let contacts: Vec<Contact> = (0..8).map(touch).collect();
+    let (ball, other, is_explained) = weighed(&contacts);
+    assert!(!is_explained && ball == 1.0 && other > 0.1 && other < 0.9, "{ball} {other}");
+}
+
+#[test]
+fn faces_of_a_can_are_no_prism_and_those_of_a_box_stay() {
+    for (object, contacts, seed, round) in [
+        ("cylinder:0.08x0.06", 40, 1002, true),
+        ("cylinder:0.08x0.06", 40, 1005, true),
+        ("ellipse:0.1x0.05", 15, 1004, true),
+        ("box:0.1x0.07x0.05", 20, 1000, false),
+        ("triangle:0.08", 15, 1000, false),
+        ("hexagon:0.05", 40, 1001, false),
+        ("lshape:0.1x0.08x0.03", 60, 1000, false),
+    ] {
+        let (dimension, contacts, _) = touched(object, contacts, seed);
+        // All of these contacts allow faces.
+        let (faces, _) = judge(dimension, &contacts, &[]).unwrap();
+        assert_eq!(is_rounder(dimension, &contacts, &faces), round, "{object} {seed}");
+        let auto = Choice::Auto;
+        let (model, ..) = reconstruct::shape(dimension, &contacts, &[], auto, &|_, _| {}).unwrap();
+        assert_eq!(matches!(model, choose::Model::Gp(_)), round, "{object} {seed}");
+    }
+}
+
+#[test]
+fn bodies_settle_where_contacts_are() {
+    // A square whose right side leans out at the top.
+    let lean = 0.47;
+    let side = |normal: Point, point: Point| Contact {
+        point,
+        normal: Some(normal.normalize()),
+        point_deviation: 1e-4,
+        normal_deviation: 0.02,
+    };
+    let sides = |lean: f64| -> Vec<Contact> {
+        let three = [-0.02, 0.0, 0.02].into_iter();
+        let all = three.flat_map(|along| {
+            [
+                side(Point::new(1.0, -lean, 0.0), Point::new(0.03 + lean * along, along, 0.0)),
+                side(-Point::x(), Point::new(-0.03, along, 0.0)),
+                side(Point::y(), Point::new(0.5 * along - 0.01, 0.03, 0.0)),
+                side(-Point::y(), Point::new(0.5 * along - 0.01, -0.03, 0.0)),
+            ]
+        });
+        all.collect()
+    };
+    let upright = sides(0.0);
+    let faces = Faces::fit(2, &upright).unwrap();
+    let (body, _) = Body::flat(2, &upright, &faces).unwrap();
+    let contacts = sides(lean);
+    let search = residual(2, &contacts);
+    let settled = Candidate::new(2, &contacts, 0.04, body, search).unwrap();
+    let right = settled.body.parts().iter().find_map(|part| match part {
+        Part::Plane(plane) if plane.normal.x > 0.5 => Some(-plane.normal.y / plane.normal.x),
+        _ => None,
+    });
+    assert!((right.unwrap() - lean).abs() < 0.03, "{right:?}");
+}
+
+#[test]
+fn a_can_is_known_from_thirty_contacts() {
+    let error = error("cylinder:0.05x0.08", 30);
+    assert!(error < 1.8e-3, "{error}");
+}
+
+#[test]
+fn a_body_that_contacts_move_has_no_other_sheet() {
+    // Boxes whose superquadric is a little off: its sizes and turns must not grow with the distance.
+    for (object, contacts, seed) in
+        [("box:0.15x0.2x0.06", 40, 1002), ("box:0.1x0.07x0.05", 12, 1002)]
+    {
+        let (dimension, contacts, truth) = touched(object, contacts, seed);
+        let (_, gpis) = fit(dimension, &contacts, &[]).unwrap();
+        let far: Vec<Point> =
+            (4..40).flat_map(|k| truth.iter().map(move |p| p * f64::from(k) * 0.5)).collect();
+        let nearest = gpis.values(&far).into_iter().fold(f64::INFINITY, f64::min);
+        assert!(nearest > 0.0, "{object} {nearest}");
+    }
+}
+
+#[test]
+fn contacts_on_one_side_leave_the_other_open() {
+    // Five touches on a tenth of an ellipse's outline fit a ball.
+    let touch = |i: i32| {
+        let (sin, cos) = (0.15 * f64::from(i)).sin_cos();
+        Contact {
+            point: Point::new(0.06 * cos, 0.03 * sin, 0.0),
+            normal: Some(Point::new(cos / 0.06, sin / 0.03, 0.0).normalize()),
+            point_deviation: 1e-3,
+            normal_deviation: 0.0873,
+        }
+    };
+    let contacts: Vec<Contact> = (-2..=2).map(touch).collect();
+    let no = |_, _| {};
+    let (_, geometry, deviations) =
+        reconstruct::shape(2, &contacts, &[], Default::default(), &no).unwrap();
+    let truth = Point::new(-0.06, 0.0, 0.0);
+    let vertices = geometry.vertices();
+    let nearest = |p: &Point| {
+        let away = |i: &usize| (vertices[*i] - p).norm();
+        (0..vertices.len()).min_by(|a, b| away(a).total_cmp(&away(b))).unwrap()
+    };
+    let far = nearest(&truth);
+    // Nobody knows how long the ellipse is: what is shown is as uncertain as it is large.
+    let size = (vertices[far] - contacts[2].point).norm();
+    assert!(deviations[far] > 0.3 * size, "{size} {}", deviations[far]);
+    assert!(deviations[nearest(&contacts[2].point)] < 1.5e-3);
+}
+
+#[test]
+fn any_contacts_have_a_finite_answer() {
+    let (_, contacts, truth) = touched("cylinder:0.05x0.08", 12, 3000);
+    let same = vec![contacts[0]; 5];
+    let flat: Vec<Contact> = contacts
+        .iter()
+        .map(|c| Contact {
+            point: Point::new(c.point.x, c.point.y, 0.0),
+            normal: Some(Point::z()),
+            ..*c
+        })
+        .collect();
+    let bare: Vec<Contact> = contacts.iter().map(|c| Contact { normal: None, ..*c }).collect();
+    for contacts in [&contacts[..1], &contacts[..2], &same, &flat, &bare] {
+        let (_, gpis) = fit(3, contacts, &[]).unwrap();
+        assert!(gpis.values(&truth).iter().chain(&gpis.deviations(&truth)).all(|v| v.is_finite()));
+    }
+    assert!(matches!(fit(3, &[], &[]), Err(Error::NoContacts)));
+}
