@@ -261,17 +261,17 @@ impl Body {
 impl Mean for Body {
     fn value(&self, p: &Point) -> f64 {
         let (part, local) = self.active(p);
-        local.0 - self.gone(part, p).0
+        local.0 - self.displacement(part, p).0
     }
 
     fn gradient(&self, p: &Point) -> Point {
         let (part, local) = self.active(p);
-        local.1 - self.gone(part, p).1
+        local.1 - self.displacement(part, p).1
     }
 
     fn felt(&self, contact: &Contact) -> Point {
         let (part, local) = self.touched(contact);
-        local.1 - self.gone(part, &contact.point).1
+        local.1 - self.displacement(part, &contact.point).1
     }
 
     fn modes(&self, p: &Point) -> Vec<Local> {
@@ -299,4 +299,4 @@ impl From<Body> for Arc<dyn Mean> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -117,7 +117,7 @@ impl Model {
     /// # Errors
     /// When they are too many or too coincident for a dense surface.
     pub fn surface(&self, dimension: usize, contacts: &[Contact]) -> Result<Gpis, SurfaceError> {
-        let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(self.noise)).collect();
+        let contacts = noisy(contacts, self.noise);
         Gpis::fit(dimension, self.kernel, self.body.clone(), Training::Derivative, &contacts)
     }
 
@@ -131,7 +131,7 @@ impl Model {
         contacts: &[Contact],
         free: &[Free],
     ) -> Result<Gpis, SurfaceError> {
-        let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(self.noise)).collect();
+        let contacts = noisy(contacts, self.noise);
         open(dimension, self.kernel, self.body.clone(), &contacts, free)
     }
 }
@@ -278,6 +278,11 @@ fn spread(contacts: &[Contact], most: usize) -> Vec<Contact> {
     contacts.iter().step_by(stride).copied().collect()
 }
 
+/// The contacts with so many times their deviations.
+fn noisy(contacts: &[Contact], factor: f64) -> Vec<Contact> {
+    contacts.iter().map(|c| c.with_noise(factor)).collect()
+}
+
 /// By how much the likelihood understates the contacts' noise: a normal of length 1 has no noise
 /// along itself, so one of its rows is exact, which a common factor takes for less noise in all.
 fn exactness(dimension: usize, contacts: &[Contact]) -> f64 {
@@ -356,7 +361,7 @@ impl Candidate {
     /// contacts more probable.
     fn settled(self, dimension: usize, contacts: &[Contact]) -> Candidate {
         let noise = self.noise(dimension, contacts);
-        let noisy: Vec<Contact> = contacts.iter().map(|c| c.with_noise(noise)).collect();
+        let noisy = noisy(contacts, noise);
         let about = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len().max(1) as f64;
         let kernel = self.found.kernel;
         let fitted = |body: Body| {

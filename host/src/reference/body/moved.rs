@@ -21,8 +21,8 @@ const HOLLOW: f64 = -1e-9;
 
 impl Body {
     /// The same body with its planes and quadrics where the modes are `by` of their deviations from
-    /// what was believed ([`Gpis::shifts`](crate::reference::Gpis::shifts)); planes turn about the point
-    /// `about`. What is believed stays as it was: to first order the mean is what it had been. `None`
+    /// what was believed ([`Gpis::shifts`](crate::reference::Gpis::shifts); zero where there are too few
+    /// numbers); planes turn about the point `about`, metres. What is believed stays as it was: to first order the mean is what it had been. `None`
     /// where a part cannot be there, and where there is none to move.
     pub fn moved(&self, by: &[f64], about: &Point) -> Option<Body> {
         let moves =
@@ -92,8 +92,8 @@ impl Body {
         }
     }
 
-    /// By how much parts have been moved, to first order: the process adds it again.
-    pub(super) fn gone(&self, part: usize, p: &Point) -> Local {
+    /// What moving a part has changed of its field at `p`, to first order: the process adds it again.
+    pub(super) fn displacement(&self, part: usize, p: &Point) -> Local {
         let moved = self.modes_of(part, p).zip(self.modes.iter().map(|mode| mode.moved));
         let nothing = (0.0, Point::zeros());
         moved.fold(nothing, |sum, (local, by)| (sum.0 + local.0 * by, sum.1 + local.1 * by))

@@ -268,8 +268,8 @@ fn doubt_about_the_body_widens_the_band_away_from_contacts() {
     assert!(variances[1].sqrt() > 3e-3, "{}", variances[1].sqrt());
 }
 
-/// A square of 60 mm, each side felt at three places; the right side leans out by `lean` at the top.
-fn square(lean: f64) -> Vec<Contact> {
+/// A square of 60 mm, each side felt at three places; the right side leans out at the top, with this slope.
+pub(crate) fn square(lean: f64) -> Vec<Contact> {
     let mut contacts = Vec::new();
     for along in [-0.02, 0.0, 0.02] {
         for (normal, side) in [
@@ -384,7 +384,7 @@ fn a_body_is_moved_nowhere_by_what_is_no_number() {
     // Half an axis less than none.
     let quadric = Body::quadric(2, &ellipse(20)).unwrap();
     assert!(quadric.moved(&[0.0, 0.0, -9.0, 0.0, 0.0], &Point::zeros()).is_none());
-    // Fewer numbers than modes leave the others.
+    // Numbers that are missing are zero.
     assert_eq!(
         body.moved(&[], &Point::zeros()).unwrap().value(&Point::x()),
         body.value(&Point::x())

@@ -1,4 +1,5 @@
 use super::*;
+use crate::reference::body::tests::square;
 use crate::shape::Field;
 use crate::sim::{ObjectSpec, Options, Touch, simulate};
 use crate::slam::choose::{self, Choice, judge};
@@ -126,30 +127,11 @@ fn faces_of_a_can_are_no_prism_and_those_of_a_box_stay() {
 
 #[test]
 fn bodies_settle_where_contacts_are() {
-    // A square whose right side leans out at the top.
     let lean = 0.47;
-    let side = |normal: Point, point: Point| Contact {
-        point,
-        normal: Some(normal.normalize()),
-        point_deviation: 1e-4,
-        normal_deviation: 0.02,
-    };
-    let sides = |lean: f64| -> Vec<Contact> {
-        let three = [-0.02, 0.0, 0.02].into_iter();
-        let all = three.flat_map(|along| {
-            [
-                side(Point::new(1.0, -lean, 0.0), Point::new(0.03 + lean * along, along, 0.0)),
-                side(-Point::x(), Point::new(-0.03, along, 0.0)),
-                side(Point::y(), Point::new(0.5 * along - 0.01, 0.03, 0.0)),
-                side(-Point::y(), Point::new(0.5 * along - 0.01, -0.03, 0.0)),
-            ]
-        });
-        all.collect()
-    };
-    let upright = sides(0.0);
+    let upright = square(0.0);
     let faces = Faces::fit(2, &upright).unwrap();
     let (body, _) = Body::flat(2, &upright, &faces).unwrap();
-    let contacts = sides(lean);
+    let contacts = square(lean);
     let search = residual(2, &contacts);
     let settled = Candidate::new(2, &contacts, 0.04, body, search).unwrap();
     let right = settled.body.parts().iter().find_map(|part| match part {
