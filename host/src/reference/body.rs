@@ -2,7 +2,7 @@
 //! planes, planes alone, a superquadric, or nothing but a box where contacts show a hollow.
 //!
 //! Most things that hands hold are a round body with a few flat ends: a can is a cylinder between
-//! two planes, a bottle an ellipsoid on a plane, a block planes alone. The body carries what many
+//! two planes, a cup a cone between them, a bottle an ellipsoid on a plane, a block planes alone. The body carries what many
 //! contacts say together, and the process what is left.
 
 use std::sync::Arc;
@@ -16,31 +16,44 @@ use crate::shape::superquadric;
 use crate::space::Point;
 
 mod close;
+mod end;
 mod fit;
 mod hollow;
 mod moved;
+mod turned;
 
-/// The quadric (p − c)ᵀ A (p − c) = 1 with A positive semi-definite (thesis 2.19 and 2.20; an
-/// eigenvalue of zero makes a cylinder) as a distance to first order: with q² = (p − c)ᵀ A (p − c),
-/// the field q (q − 1)/|A (p − c)| has a gradient of length 1 on the surface, whatever the axes, and
-/// is the exact distance of a round cylinder.
+/// The convex quadric √((p − c)ᵀ A (p − c)) = 1 + t·(p − c) with A positive semi-definite. Without the
+/// taper t it is that of the thesis (2.19 and 2.20; an eigenvalue of zero makes a cylinder); with one it
+/// may be a cone, too, or one sheet of a hyperboloid, and holds its centre c all the same. As a distance
+/// to first order: with the gauge g = √((p − c)ᵀ A (p − c)) − t·(p − c), the field (g − 1)/|∇g| has a
+/// gradient of length 1 on the surface, whatever the axes, and is the exact distance of the side of a
+/// round cylinder or cone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quadric {
     centre: Point,
     form: Matrix3<f64>,
-    /// Least half axis, metres: the depth of the centre.
-    least: f64,
+    taper: Point,
+    /// Greatest slope of the gauge without the taper, 1/metre: of a ball, its inverse radius.
+    steepest: f64,
 }
 
 impl Quadric {
-    /// About `centre` (metres) with `form` A (1/m²; in the plane its last row and column are zero).
-    /// `None` unless both are finite and A has a positive eigenvalue.
+    /// About `centre` (metres) with `form` A (1/m²; in the plane its last row and column are zero), as
+    /// wide everywhere. `None` unless both are finite and A has a positive eigenvalue.
     pub fn new(centre: Point, form: Matrix3<f64>) -> Option<Quadric> {
-        if !(centre.iter().all(|x| x.is_finite()) && form.iter().all(|x| x.is_finite())) {
+        Quadric::tapered(centre, form, Point::zeros())
+    }
+
+    /// The same with `taper` t (1/metre): how fast it widens, as a share of its width about the centre.
+    /// `None` unless all are finite and A has a positive eigenvalue.
+    pub fn tapered(centre: Point, form: Matrix3<f64>, taper: Point) -> Option<Quadric> {
+        let is_finite = |numbers: &[f64]| numbers.iter().all(|x| x.is_finite());
+        if ![centre.as_slice(), form.as_slice(), taper.as_slice()].into_iter().all(is_finite) {
             return None;
         }
-        let least = SymmetricEigen::new(form).eigenvalues.max().sqrt().recip();
-        (least > 0.0 && least.is_finite()).then_some(Quadric { centre, form, least })
+        let steepest = SymmetricEigen::new(form).eigenvalues.max().sqrt();
+        let quadric = Quadric { centre, form, taper, steepest };
+        (steepest > 0.0 && steepest.recip().is_finite()).then_some(quadric)
     }
 
     /// c, metres.
@@ -53,26 +66,38 @@ impl Quadric {
         self.form
     }
 
-    /// q and its gradient, 1/metre.
+    /// t, 1/metre.
+    pub fn taper(&self) -> Point {
+        self.taper
+    }
+
+    /// g and its gradient, 1/metre.
     fn gauge(&self, p: &Point) -> (f64, Point) {
         let v = p - self.centre;
         let w = self.form * v;
         let q = v.dot(&w).max(0.0).sqrt();
-        (q, if q > 0.0 { w / q } else { Point::zeros() })
+        let slope = if q > 0.0 { w / q } else { Point::zeros() };
+        (q - self.taper.dot(&v), slope - self.taper)
     }
 
     fn at(&self, p: &Point) -> Local {
         let v = p - self.centre;
         let w = self.form * v;
-        let square = v.dot(&w).max(0.0);
-        let (q, slope) = (square.sqrt(), w.norm());
+        let q = v.dot(&w).max(0.0).sqrt();
+        let beyond = q - self.taper.dot(&v) - 1.0;
         // At the centre, and on the axis of a cylinder, there is no direction to the surface.
-        if !(q > 1e-6 && slope > 0.0) {
-            return (-self.least, Point::zeros());
+        if !(q > 1e-6) {
+            let slope = self.steepest.hypot(self.taper.norm());
+            return (beyond / slope, -self.taper / slope);
         }
-        let value = (square - q) / slope;
-        let bend = self.form * w * (value / (slope * slope));
-        (value, w * ((2.0 - 1.0 / q) / slope) - bend)
+        let gradient = w / q - self.taper;
+        let slope = gradient.norm();
+        if !(slope > 0.0) {
+            return (beyond / self.steepest, Point::zeros());
+        }
+        let value = beyond / slope;
+        let bend = (self.form * gradient - w * (w.dot(&gradient) / (q * q))) / q;
+        (value, (gradient - bend * (value / slope)) / slope)
     }
 }
 
@@ -91,7 +116,7 @@ pub enum Part {
     /// A ball, or [`Prior`] of another kind, in its own form: as a square it is smooth at the
     /// centre, which matters where an object is much thinner than the ball about it.
     Prior(Prior),
-    /// Ellipsoid, cylinder and what is between.
+    /// Ellipsoid, cylinder, cone and what is between.
     Quadric(Quadric),
     /// Between ellipsoid, box and cylinder (thesis 2.1).
     Superquadric(superquadric::Form),
@@ -144,16 +169,33 @@ impl Foot {
     }
 }
 
-/// How one part changes with one parameter, as a difference.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// How parts change with one parameter.
+#[derive(Clone, Debug, PartialEq)]
 struct Mode {
+    changes: Vec<Change>,
+    /// 1/(parameter's way from less to more in standard deviations).
+    scale: f64,
+    /// By how many of those the parts have been moved since they were fitted.
+    moved: f64,
+}
+
+/// How one part changes, as a difference.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Change {
     part: usize,
     more: Part,
     less: Part,
-    /// 1/(parameter's way from less to more in standard deviations).
-    scale: f64,
-    /// By how many of those the part has been moved since it was fitted.
-    moved: f64,
+}
+
+impl Mode {
+    /// Of one part.
+    fn of(part: usize, more: Part, less: Part, scale: f64) -> Mode {
+        Mode { changes: vec![Change { part, more, less }], scale, moved: 0.0 }
+    }
+
+    fn of_part(&self, part: usize) -> Option<&Change> {
+        self.changes.iter().find(|change| change.part == part)
+    }
 }
 
 /// The intersection of parts as the maximum of their fields, with creases where they meet.
@@ -189,9 +231,6 @@ pub struct Body {
     degrees: f64,
 }
 
-/// Deviations of a contact's point within which a crease may be crossed.
-const CREASE: f64 = 2.0;
-
 impl Body {
     /// What it is the intersection of.
     pub fn parts(&self) -> &[Part] {
@@ -222,24 +261,22 @@ impl Body {
         parts.fold(far, |most, part| if part.1.0 > most.1.0 { part } else { most })
     }
 
-    /// The part a contact was felt on: of those its deviation lets it lie on, the one whose normal
-    /// is most like its own.
+    /// The part a contact was felt on: the one that its place and its normal together, each in its
+    /// deviations, suit best. Near an edge that need not be the outermost one.
     fn touched(&self, contact: &Contact) -> (usize, Local) {
         let (index, most) = self.active(&contact.point);
         let Some(normal) = contact.normal else { return (index, most) };
-        let near = most.0 - CREASE * contact.point_deviation;
-        let apart = |local: &Local| (local.1 - normal).norm_squared();
-        self.parts
-            .iter()
-            .map(|part| part.at(&contact.point))
-            .enumerate()
-            .filter(|(_, local)| local.0 >= near)
-            .fold(
-                (index, most),
-                |best, part| {
-                    if apart(&part.1) < apart(&best.1) { part } else { best }
-                },
-            )
+        // Times both deviations, so that one of them may be zero.
+        let cost = |local: &Local| {
+            let within = (most.0 - local.0) * contact.normal_deviation;
+            let turned = (local.1 - normal) * contact.point_deviation;
+            within.powi(2) + turned.norm_squared()
+        };
+        let parts = self.parts.iter().map(|part| part.at(&contact.point)).enumerate();
+        parts.fold(
+            (index, most),
+            |best, part| if cost(&part.1) < cost(&best.1) { part } else { best },
+        )
     }
 
     /// What each mode adds at `p`, to first order on the surface. Beyond a round part's surface that
@@ -248,10 +285,10 @@ impl Body {
     fn modes_of(&self, part: usize, p: &Point) -> impl Iterator<Item = Local> {
         let foot = self.parts.get(part).map(|part| part.foot(p));
         self.modes.iter().map(move |mode| {
-            let Some(foot) = foot.as_ref().filter(|_| mode.part == part) else {
+            let (Some(foot), Some(change)) = (&foot, mode.of_part(part)) else {
                 return (0.0, Point::zeros());
             };
-            let (more, less) = (mode.more.at(&foot.point), mode.less.at(&foot.point));
+            let (more, less) = (change.more.at(&foot.point), change.less.at(&foot.point));
             let slope = foot.carried((more.1 - less.1) * mode.scale);
             ((more.0 - less.0) * mode.scale, slope)
         })

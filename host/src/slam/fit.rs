@@ -49,7 +49,8 @@ struct Candidate {
 const NEGLIGIBLE: f64 = 1e-3;
 
 /// The Matérn-3/2 surfaces that explain the contacts: about a ball, about another quadric or one cut by
-/// flat faces, about a superquadric, and about the polytope of the faces ([`Body`]), each with the
+/// flat faces, about a superquadric, about a can, cup or cone, round or oval, and about the polytope of the
+/// faces ([`Body`]), each with the
 /// amplitude, the lengthscale and the factor on the contacts' noise that the contacts, and what suits
 /// most objects, make most plausible, blended as their probabilities are; more than sixty contacts
 /// decide for one. With the kernel of the most probable. `free` are points outside the object
@@ -320,10 +321,14 @@ fn rounds(
     contacts: &[Contact],
     faces: Option<&Faces>,
 ) -> impl Iterator<Item = Body> {
+    let turned =
+        |is_oval: bool| faces.and_then(|faces| Body::turned(dimension, contacts, faces, is_oval));
     let bodies = [
         Body::quadric(dimension, contacts),
         Body::superquadric(dimension, contacts),
         faces.and_then(|faces| Body::cut(dimension, contacts, faces)),
+        turned(false),
+        turned(true),
     ];
     bodies.into_iter().flatten()
 }

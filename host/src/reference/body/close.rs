@@ -53,15 +53,7 @@ impl Body {
             -body.active(&(centre + normal * beyond)).1.0
         };
         let end = |body: &mut Body, normal: Point| {
-            let at = |by: f64| Part::Plane(Plane { normal, offset: offset(&normal) + by });
-            body.modes.push(Mode {
-                part: body.parts.len(),
-                more: at(NUDGE),
-                less: at(-NUDGE),
-                scale: DOUBT * reach / (2.0 * NUDGE),
-                moved: 0.0,
-            });
-            body.parts.push(at(0.0));
+            body.end(Plane { normal, offset: offset(&normal) }, DOUBT * reach);
         };
         for normal in undecided {
             if depth(&self, normal, UNDECIDED) > 0.0 {
@@ -81,6 +73,14 @@ impl Body {
             end(&mut self, normal);
         }
         self
+    }
+
+    /// Cuts it by a plane whose offset is known to so much, metres.
+    pub(super) fn end(&mut self, plane: Plane, deviation: f64) {
+        let at = |by: f64| Part::Plane(Plane { offset: plane.offset + by, ..plane });
+        let scale = deviation / (2.0 * NUDGE);
+        self.modes.push(Mode::of(self.parts.len(), at(NUDGE), at(-NUDGE), scale));
+        self.parts.push(at(0.0));
     }
 
     /// Normals of the sides that its planes would have across from them.

@@ -2,7 +2,8 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3};
 
-use super::{Body, Mode, Part, Plane, Quadric};
+use super::turned::Turned;
+use super::{Body, Change, Mode, Part, Plane, Quadric};
 use crate::reference::{Contact, Faces, Prior};
 use crate::shape::superquadric::{Form, Superquadric};
 use crate::space::Point;
@@ -13,12 +14,12 @@ const MISFIT: (f64, f64) = (0.02, 0.1);
 
 /// Standard deviation of a body's parameters before any contact, in radii and inverse radii of the
 /// ball about it; a plane's direction is anybody's guess.
-const SHAPE: f64 = 0.7;
+pub(super) const SHAPE: f64 = 0.7;
 const DIRECTION: f64 = 1.0;
 
 /// Steps of one fit, and of one trial of a cut.
-const STEPS: usize = 20;
-const TRIAL: usize = 6;
+pub(super) const STEPS: usize = 20;
+pub(super) const TRIAL: usize = 6;
 
 /// Most planes that cut a quadric.
 const CUTS: usize = 6;
@@ -46,6 +47,8 @@ enum Round {
     Ball,
     /// Centre and lower triangle of the root of A.
     Quadric,
+    /// Between ends square to an axis.
+    Turned(Turned),
     /// Planes alone.
     Nothing,
 }
@@ -53,22 +56,22 @@ enum Round {
 /// Parameters in radii about the ball's centre: of the round part, then normal and offset of each
 /// plane.
 #[derive(Clone)]
-struct Fit {
+pub(super) struct Fit {
     round: Round,
     parameters: DVector<f64>,
-    cost: f64,
+    pub(super) cost: f64,
 }
 
-struct Felt {
-    point: Point,
-    normal: Option<Point>,
+pub(super) struct Felt {
+    pub(super) point: Point,
+    pub(super) normal: Option<Point>,
     /// 1/deviation of the point and of the normal, with what no body fits and without.
     weights: (f64, f64),
     exact: (f64, f64),
 }
 
 /// Contacts in radii about the centre of the ball that fits them.
-struct Problem {
+pub(super) struct Problem {
     dimension: usize,
     centre: Point,
     radius: f64,
@@ -140,12 +143,8 @@ impl Body {
         if found.misfit().degrees < (DECIDED_SUPERQUADRIC - 1.0) * parameters {
             return None;
         }
-        let mode = |(more, less, scale): (Form, Form, f64)| Mode {
-            part: 0,
-            more: Part::Superquadric(more),
-            less: Part::Superquadric(less),
-            scale,
-            moved: 0.0,
+        let mode = |(more, less, scale): (Form, Form, f64)| {
+            Mode::of(0, Part::Superquadric(more), Part::Superquadric(less), scale)
         };
         let misfit = found.misfit();
         let body = Body {
@@ -187,11 +186,20 @@ impl Body {
 }
 
 impl Fit {
+    pub(super) fn turned(turned: Turned, parameters: DVector<f64>) -> Fit {
+        Fit { round: Round::Turned(turned), parameters, cost: f64::INFINITY }
+    }
+
+    pub(super) fn parameters(&self) -> &DVector<f64> {
+        &self.parameters
+    }
+
     /// How many of the parameters are the round part's.
     fn round_parameters(&self, dimension: usize) -> usize {
         match self.round {
             Round::Ball => dimension + 1,
             Round::Quadric => dimension * (dimension + 3) / 2,
+            Round::Turned(turned) => turned.count(),
             Round::Nothing => 0,
         }
     }
@@ -202,17 +210,10 @@ impl Fit {
         let parameters = DVector::from_vec(parameters.copied().collect());
         Fit { parameters, ..*self }
     }
-
-    /// Which part each parameter belongs to.
-    fn part_of(&self, dimension: usize, parameter: usize) -> usize {
-        let round = self.round_parameters(dimension);
-        let first = usize::from(self.round != Round::Nothing);
-        if parameter < round { 0 } else { first + (parameter - round) / (dimension + 1) }
-    }
 }
 
 impl Problem {
-    fn of(dimension: usize, contacts: &[Contact]) -> Option<Problem> {
+    pub(super) fn of(dimension: usize, contacts: &[Contact]) -> Option<Problem> {
         let Prior::Ball { centre, radius } = Prior::fitted(contacts)? else { return None };
         let weight = |deviation: f64, misfit: f64| deviation.hypot(misfit).recip();
         let felt = contacts.iter().map(|c| Felt {
@@ -227,8 +228,24 @@ impl Problem {
         Some(Problem { dimension, centre, radius, felt: felt.collect() })
     }
 
+    pub(super) fn felt(&self) -> &[Felt] {
+        &self.felt
+    }
+
+    pub(super) fn radius(&self) -> f64 {
+        self.radius
+    }
+
+    /// A plane, its offset in radii, in metres.
+    pub(super) fn placed_plane(&self, normal: Point, offset: f64) -> Option<Plane> {
+        match self.placed(&Part::Plane(Plane { normal, offset }))? {
+            Part::Plane(plane) => Some(plane),
+            _ => None,
+        }
+    }
+
     /// Numbers that the contacts measured: normals have one less than they have axes.
-    fn measured(&self) -> usize {
+    pub(super) fn measured(&self) -> usize {
         self.felt.iter().map(|f| if f.normal.is_some() { self.dimension } else { 1 }).sum()
     }
 
@@ -248,6 +265,7 @@ impl Problem {
                     parameters.extend((0..=row).map(|c| if row == c { 1.0 } else { 0.0 }));
                 }
             }
+            Round::Turned(turned) => parameters = turned.usual().as_slice().to_vec(),
             Round::Nothing => parameters.clear(),
         }
         Fit { round, parameters: DVector::from_vec(parameters), cost: f64::INFINITY }
@@ -286,6 +304,7 @@ impl Problem {
                 }
                 parts.push(Part::Quadric(Quadric::new(axes(0), root * root.transpose())?));
             }
+            Round::Turned(turned) => parts = turned.parts(parameters)?,
             Round::Nothing => {}
         }
         for at in (fit.round_parameters(d)..parameters.len()).step_by(d + 1) {
@@ -303,9 +322,11 @@ impl Problem {
                 Part::Prior(Prior::Ball { centre: moved(centre), radius: radius * self.radius })
             }
             Part::Prior(_) | Part::Superquadric(_) => return None,
-            Part::Quadric(q) => {
-                Part::Quadric(Quadric::new(moved(&q.centre), q.form / self.radius.powi(2))?)
-            }
+            Part::Quadric(q) => Part::Quadric(Quadric::tapered(
+                moved(&q.centre),
+                q.form / self.radius.powi(2),
+                q.taper / self.radius,
+            )?),
             Part::Plane(p) => Part::Plane(Plane {
                 normal: p.normal,
                 offset: p.offset * self.radius + p.normal.dot(&self.centre),
@@ -313,7 +334,7 @@ impl Problem {
         })
     }
 
-    fn body(&self, fit: &Fit) -> Option<Body> {
+    pub(super) fn body(&self, fit: &Fit) -> Option<Body> {
         let placed = |parameters: &DVector<f64>| -> Option<Vec<Part>> {
             self.parts(fit, parameters)?.iter().map(|part| self.placed(part)).collect()
         };
@@ -324,11 +345,13 @@ impl Problem {
                 parameters[j] += by;
                 placed(&parameters)
             };
-            let part = fit.part_of(self.dimension, j);
-            let (more, less) = (moved(NUDGE)?[part], moved(-NUDGE)?[part]);
+            let (more, less) = (moved(NUDGE)?, moved(-NUDGE)?);
+            let change = |(part, (more, less))| Change { part, more, less };
+            let changes = more.into_iter().zip(less).enumerate().map(change);
+            let changes = changes.filter(|change| change.more != change.less).collect();
             let normal = j >= round && (j - round) % (self.dimension + 1) < self.dimension;
             let deviation = if normal { DIRECTION } else { SHAPE };
-            Some(Mode { part, more, less, scale: deviation / (2.0 * NUDGE), moved: 0.0 })
+            Some(Mode { changes, scale: deviation / (2.0 * NUDGE), moved: 0.0 })
         };
         let modes = (0..fit.parameters.len()).map(mode).collect::<Option<_>>()?;
         let usual = self.start(fit.round).parameters;
@@ -337,7 +360,8 @@ impl Problem {
         // With the contacts' own weights.
         let exact = self.exact().climb(fit.clone(), TRIAL);
         let planes = (fit.parameters.len() - round) / (self.dimension + 1);
-        let degrees = self.measured() as f64 - (round + self.dimension * planes) as f64;
+        let idle = if let Round::Turned(_) = fit.round { Turned::IDLE } else { 0 };
+        let degrees = self.measured() as f64 - (round - idle + self.dimension * planes) as f64;
         let parts = placed(&fit.parameters)?;
         Some(Body { parts, modes, oddity, chi_squared: exact.cost, degrees })
     }
@@ -369,7 +393,7 @@ impl Problem {
         Some(DVector::from_vec(residuals))
     }
 
-    fn climb(&self, start: Fit, steps: usize) -> Fit {
+    pub(super) fn climb(&self, start: Fit, steps: usize) -> Fit {
         let mut fit = start;
         let Some(mut residuals) = self.residuals(&fit, &fit.parameters) else { return fit };
         fit.cost = residuals.norm_squared();

@@ -7,9 +7,9 @@
 
 use std::iter::repeat;
 
-use nalgebra::SymmetricEigen;
+use nalgebra::{Matrix3, SymmetricEigen};
 
-use super::{Body, Mode, Part, Plane, Quadric};
+use super::{Body, Change, Mode, Part, Plane, Quadric};
 use crate::reference::mean::Local;
 use crate::space::Point;
 
@@ -17,7 +17,7 @@ use crate::space::Point;
 const NUDGE: f64 = 1e-5;
 
 /// Least eigenvalue of a quadric's form over its greatest that is none: a hyperboloid has no inside.
-const HOLLOW: f64 = -1e-9;
+const HOLLOW: f64 = -0.1;
 
 impl Body {
     /// The same body with its planes and quadrics where the modes are `by` of their deviations from
@@ -25,8 +25,8 @@ impl Body {
     /// numbers); planes turn about the point `about`, metres. What is believed stays as it was: to first order the mean is what it had been. `None`
     /// where a part cannot be there, and where there is none to move.
     pub fn moved(&self, by: &[f64], about: &Point) -> Option<Body> {
-        let moves =
-            |mode: &Mode| matches!(self.parts[mode.part], Part::Plane(_) | Part::Quadric(_));
+        let is_movable = |change: &Change| matches!(change.more, Part::Plane(_) | Part::Quadric(_));
+        let moves = |mode: &Mode| mode.changes.iter().all(is_movable);
         if !self.modes.iter().any(moves) {
             return None;
         }
@@ -34,19 +34,22 @@ impl Body {
         let step = |(mode, to): (&Mode, &f64)| if moves(mode) { to - mode.moved } else { 0.0 };
         let steps: Vec<f64> = ways.map(step).collect();
         let parts = (0..self.parts.len()).map(|part| self.placed(part, &steps, about));
-        let mode = |(index, mode): (usize, &Mode)| {
+        let change_of = |index: usize, part: usize| {
             let nudged = |nudge: f64| {
                 let mut steps = steps.clone();
                 steps[index] += nudge;
-                self.placed(mode.part, &steps, about)
+                self.placed(part, &steps, about)
             };
+            let (more, less) = (nudged(NUDGE)?, nudged(-NUDGE)?);
+            Some(Change { part, more, less })
+        };
+        let mode = |(index, mode): (usize, &Mode)| {
             if !moves(mode) {
-                return Some(*mode);
+                return Some(mode.clone());
             }
+            let changes = mode.changes.iter().map(|change| change_of(index, change.part));
             Some(Mode {
-                part: mode.part,
-                more: nudged(NUDGE)?,
-                less: nudged(-NUDGE)?,
+                changes: changes.collect::<Option<_>>()?,
                 scale: (2.0 * NUDGE).recip(),
                 moved: mode.moved + steps[index],
             })
@@ -60,8 +63,9 @@ impl Body {
 
     /// A part after so many deviations of each mode.
     fn placed(&self, part: usize, steps: &[f64], about: &Point) -> Option<Part> {
-        let own = self.modes.iter().zip(steps).filter(|(mode, _)| mode.part == part);
-        let changes = own.map(|(mode, step)| (mode.more, mode.less, mode.scale * step));
+        let changes = self.modes.iter().zip(steps).filter_map(|(mode, step)| {
+            mode.of_part(part).map(|change| (change.more, change.less, mode.scale * step))
+        });
         match self.parts[part] {
             Part::Plane(plane) => {
                 let depth = |plane: &Plane| plane.offset - plane.normal.dot(about);
@@ -76,17 +80,25 @@ impl Body {
                 offset.is_finite().then_some(Part::Plane(Plane { normal, offset }))
             }
             Part::Quadric(quadric) => {
-                let (mut centre, mut form) = (quadric.centre, quadric.form);
+                let Quadric { mut centre, mut form, mut taper, .. } = quadric;
                 for change in changes {
                     let (Part::Quadric(more), Part::Quadric(less), times) = change else {
                         continue;
                     };
                     centre += (more.centre - less.centre) * times;
                     form += (more.form - less.form) * times;
+                    taper += (more.taper - less.taper) * times;
                 }
-                let moved = Quadric::new(centre, form)?;
-                let values = SymmetricEigen::new(form).eigenvalues;
-                (values.min() > HOLLOW * values.max()).then_some(Part::Quadric(moved))
+                let eigen = SymmetricEigen::new(form);
+                let (least, greatest) = (eigen.eigenvalues.min(), eigen.eigenvalues.max());
+                if !(least > HOLLOW * greatest) {
+                    return None;
+                }
+                let flat = eigen.eigenvalues.map(|value| value.max(0.0));
+                let form = eigen.eigenvectors
+                    * Matrix3::from_diagonal(&flat)
+                    * eigen.eigenvectors.transpose();
+                Some(Part::Quadric(Quadric::tapered(centre, form, taper)?))
             }
             other => Some(other),
         }

@@ -1,3 +1,4 @@
+use super::turned::tests::cup;
 use super::*;
 use crate::reference::{Faces, Gpis, Kernel, Training};
 use proptest::prelude::*;
@@ -61,6 +62,83 @@ fn a_can_is_a_cylinder_between_two_planes() {
     assert!(quadric.misfit() > 4.0 * body.misfit());
 }
 
+/// A touch at a place, with its normal.
+pub(super) fn touch(point: Point, normal: Point) -> Contact {
+    Contact { point, normal: Some(normal), point_deviation: 1e-3, normal_deviation: 0.05 }
+}
+
+proptest! {
+    /// Of a cone the field is the distance to the side, where a perpendicular from there meets it.
+    #[test]
+    fn a_cone_has_its_exact_distance(
+        (radius, widening) in (0.01f64..1.0, -2f64..2.0),
+        (along, away, turn) in (-0.4f64..0.4, -0.3f64..0.3, 0f64..6.3),
+    ) {
+        let form = Matrix3::from_diagonal(&Point::new(1.0, 1.0, 0.0)) / (radius * radius);
+        let centre = Point::new(0.3, -0.2, 0.1);
+        let taper = Point::z() * (widening / radius);
+        let cone = Quadric::tapered(centre, form, taper).unwrap();
+        // From a point of the side along its normal.
+        let (height, slant) = (along * radius, 1f64.hypot(widening));
+        let off = away * radius;
+        let out = radius + widening * height + off / slant;
+        prop_assume!(out > 1e-3 * radius);
+        let up = height - off * widening / slant;
+        let (sin, cos) = turn.sin_cos();
+        let p = centre + Point::new(out * cos, out * sin, up);
+        let (value, gradient) = cone.at(&p);
+        prop_assert!((value - off).abs() < 1e-9 * radius, "{value} {off}");
+        let normal = Point::new(cos, sin, -widening) / slant;
+        prop_assert!((gradient - normal).norm() < 1e-9);
+    }
+
+    /// Value and gradient of any tapered quadric belong together, and its inside is convex.
+    #[test]
+    fn a_tapered_quadric_is_convex_and_smooth(
+        root in prop::array::uniform6(-2f64..2.0),
+        taper in prop::array::uniform3(-2f64..2.0),
+        (p, q) in (prop::array::uniform3(-1f64..1.0), prop::array::uniform3(-1f64..1.0)),
+        share in 0f64..1.0,
+    ) {
+        let [a, b, c, d, e, f] = root;
+        let root = Matrix3::new(a, 0.0, 0.0, b, c, 0.0, d, e, f);
+        let form = root * root.transpose();
+        prop_assume!(SymmetricEigen::new(form).eigenvalues.max() > 0.1);
+        let quadric = Quadric::tapered(Point::zeros(), form, Point::from(taper)).unwrap();
+        let (p, q) = (Point::from(p), Point::from(q));
+        prop_assert!(quadric.at(&Point::zeros()).0 < 0.0);
+        if quadric.at(&p).0 <= 0.0 && quadric.at(&q).0 <= 0.0 {
+            prop_assert!(quadric.at(&(p * share + q * (1.0 - share))).0 < 1e-9);
+        }
+        let (square, slope) = (p.dot(&(form * p)), quadric.gauge(&p).1.norm());
+        prop_assume!(square > 1e-2 && slope > 0.1);
+        let h = 1e-6;
+        for axis in 0..3 {
+            let step = Point::ith(axis, h);
+            let slope = (quadric.at(&(p + step)).0 - quadric.at(&(p - step)).0) / (2.0 * h);
+            let gradient = quadric.at(&p).1[axis];
+            prop_assert!((slope - gradient).abs() < 1e-4 * (1.0 + slope.abs()), "{slope} {gradient}");
+        }
+    }
+}
+
+#[test]
+fn a_quadric_of_no_numbers_is_none() {
+    let form = Matrix3::identity();
+    for bad in [f64::NAN, f64::INFINITY] {
+        assert_eq!(Quadric::new(Point::x() * bad, form), None);
+        assert_eq!(Quadric::new(Point::x(), form * bad), None);
+        assert_eq!(Quadric::tapered(Point::x(), form, Point::y() * bad), None);
+    }
+    assert_eq!(Quadric::new(Point::x(), form * 0.0), None);
+    // On the axis of a cone there is no direction to its side, but an inside, and a tip beyond.
+    let round = Matrix3::from_diagonal(&Point::new(1.0, 1.0, 0.0));
+    let cone = Quadric::tapered(Point::zeros(), round, Point::z() * -1.0).unwrap();
+    let half = 0.5f64.sqrt();
+    assert!((cone.at(&Point::zeros()).0 + half).abs() < 1e-12);
+    assert!((cone.at(&(Point::z() * 2.0)).0 - half).abs() < 1e-12);
+}
+
 #[test]
 fn an_ellipse_is_found_and_a_ball_stays_a_ball() {
     let body = Body::quadric(2, &ellipse(12)).unwrap();
@@ -90,6 +168,15 @@ fn at_a_crease_the_normal_says_which_side_was_felt() {
     };
     assert!(body.felt(&touch(Point::z())).z > 0.99);
     assert!(body.felt(&touch(Point::x())).x > 0.99);
+    // A body as it is first fitted may be off by more than that.
+    let within = |normal: Point| Contact {
+        point: Point::new(0.0262, 0.0, 0.0502),
+        normal: Some(normal.normalize()),
+        ..contacts[0]
+    };
+    assert!(body.felt(&within(Point::x())).x > 0.99);
+    // Where the normal does not tell, the nearer one.
+    assert!(body.felt(&within(Point::new(1.0, 0.0, 1.0))).z > 0.99);
 }
 
 #[test]
@@ -231,10 +318,20 @@ proptest! {
 
     /// Value and gradient of a body and of its modes belong together, away from creases.
     #[test]
-    fn gradients_are_derivatives(x in -0.1f64..0.1, y in -0.1f64..0.1, z in -0.1f64..0.1) {
-        let contacts = can(5e-4);
+    fn gradients_are_derivatives(
+        is_can: bool,
+        x in -0.1f64..0.1,
+        y in -0.1f64..0.1,
+        z in -0.1f64..0.1,
+    ) {
+        let contacts: Vec<Contact> = if is_can { can(5e-4) } else { cup(1.2, 20, [3, 3]) };
         let faces = Faces::fit(3, &contacts).unwrap();
-        let body = Body::cut(3, &contacts, &faces).unwrap();
+        let body = if is_can {
+            Body::cut(3, &contacts, &faces)
+        } else {
+            Body::turned(3, &contacts, &faces, true)
+        };
+        let body = body.unwrap();
         let p = Point::new(x, y, z);
         let h = 1e-6;
         prop_assume!(x.hypot(y) > 0.005);

@@ -148,6 +148,12 @@ fn a_can_is_known_from_thirty_contacts() {
 }
 
 #[test]
+fn a_can_is_known_from_ten_contacts() {
+    let error = error("cylinder:0.05x0.08", 10);
+    assert!(error < 2.2e-3, "{error}");
+}
+
+#[test]
 fn a_body_that_contacts_move_has_no_other_sheet() {
     // Boxes whose superquadric is a little off: its sizes and turns must not grow with the distance.
     for (object, contacts, seed) in

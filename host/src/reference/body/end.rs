@@ -1,0 +1,107 @@
+//! Where a turned body ends that nobody touched there.
+
+/// Lengths of what was felt beyond which no end is looked for, and places that are tried.
+const FARTHEST: f64 = 3.0;
+const PLACES: u32 = 200;
+
+/// Usual distance of an end from the middle of the contacts and its deviation, in radii of the ball about
+/// them.
+pub(super) const USUAL: (f64, f64) = (1.0, super::fit::SHAPE);
+
+/// The side of a turned body towards such an end, in any unit that goes for all.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Side {
+    /// Radius at zero, and how much wider it gets per length.
+    pub(super) radius: f64,
+    pub(super) widening: f64,
+    /// First and last place along it where it was felt.
+    pub(super) low: f64,
+    pub(super) high: f64,
+}
+
+impl Side {
+    fn wide(&self, at: f64) -> f64 {
+        (self.radius + self.widening * at).max(0.0)
+    }
+
+    /// Surface of the body that ends there, over π: both ends and the side.
+    fn area(&self, at: f64) -> f64 {
+        let (low, high) = (self.wide(self.low), self.wide(at));
+        let slant = 1.0_f64.hypot(self.widening) * (at - self.low);
+        low.powi(2) + high.powi(2) + (low + high) * slant
+    }
+
+    /// Where it ends and the deviation of that, when so many contacts fell anywhere on its surface alike:
+    /// each is the less likely the larger that is. Before them, a side that narrows ends in its tip or is
+    /// cut off before, either as probable as the other, and a cut is anywhere as far from `middle` as ends
+    /// usually are. `None` where numbers are none.
+    pub(super) fn end(&self, contacts: usize, middle: f64) -> Option<(f64, f64)> {
+        let tip = if self.widening < 0.0 { -self.radius / self.widening } else { f64::INFINITY };
+        let farthest = FARTHEST * (self.high - self.low);
+        let tip = tip.max(self.high);
+        let room = (tip - self.high).min(farthest);
+        let likelihood = |at: f64| (self.area(self.high) / self.area(at)).powf(contacts as f64);
+        let cuts = (0..PLACES).map(|step| {
+            let at = self.high + room * (f64::from(step) + 0.5) / f64::from(PLACES);
+            let odd = (at - middle - USUAL.0) / USUAL.1;
+            (at, (-0.5 * odd * odd).exp())
+        });
+        let before: f64 = cuts.clone().map(|(_, prior)| prior).sum();
+        let cuts = cuts.map(|(at, prior)| (at, likelihood(at) * prior / before));
+        let pointed = (tip <= self.high + farthest).then(|| (tip, likelihood(tip)));
+        let all = cuts.chain(pointed);
+        let sum: f64 = all.clone().map(|(_, weight)| weight).sum();
+        let end = all.clone().map(|(at, weight)| at * weight).sum::<f64>() / sum;
+        let square = all.map(|(at, weight)| (at - end).powi(2) * weight).sum::<f64>() / sum;
+        (end.is_finite() && square.is_finite()).then(|| (end, square.sqrt()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAN: Side = Side { radius: 0.7, widening: 0.0, low: -0.7, high: 0.6 };
+
+    #[test]
+    fn more_contacts_know_better_where_a_can_ends() {
+        let [few, many] = [6, 60].map(|contacts| CAN.end(contacts, 0.0).unwrap());
+        assert!(few.0 > many.0 && many.0 > CAN.high);
+        assert!(few.1 > 2.0 * many.1);
+        // Of a surface that grows in proportion to its length: the mean of an exponential.
+        let rate = 60.0 * 2.0 * CAN.radius / CAN.area(CAN.high);
+        assert!((many.0 - CAN.high - 1.0 / rate).abs() < 0.1 / rate, "{many:?}");
+    }
+
+    #[test]
+    fn a_cone_is_pointed_as_often_as_not() {
+        let cone = Side { radius: 0.6, widening: -0.8, low: -0.6, high: 0.5 };
+        let tip = 0.75;
+        let (end, deviation) = cone.end(10, 0.0).unwrap();
+        assert!((0.6..tip).contains(&end) && end + deviation > tip - 0.05, "{end} {deviation}");
+        // Felt at the tip, or by error beyond.
+        for high in [tip, 0.8] {
+            let (end, deviation) = Side { high, ..cone }.end(10, 0.0).unwrap();
+            assert!((end - high).abs() < 1e-9 && deviation < 1e-9);
+        }
+        // A tip far away is none.
+        let cup = Side { widening: -0.1, ..CAN };
+        assert!(cup.end(10, 0.0).unwrap().0 < 1.2);
+    }
+
+    #[test]
+    fn what_is_no_number_has_no_end() {
+        for side in [
+            Side { radius: f64::NAN, ..CAN },
+            Side { high: f64::INFINITY, ..CAN },
+            Side { radius: 0.0, ..CAN },
+            Side { low: f64::INFINITY, high: f64::NEG_INFINITY, ..CAN },
+        ] {
+            assert_eq!(side.end(10, 0.0), None, "{side:?}");
+        }
+        assert_eq!(CAN.end(10, 1e3), None);
+        let level = Side { low: 0.6, ..CAN };
+        assert_eq!(level.end(10, 0.0), Some((0.6, 0.0)));
+        assert!(CAN.end(0, 0.0).unwrap().0.is_finite());
+    }
+}
