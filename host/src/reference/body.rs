@@ -266,6 +266,10 @@ impl Body {
     fn touched(&self, contact: &Contact) -> (usize, Local) {
         let (index, most) = self.active(&contact.point);
         let Some(normal) = contact.normal else { return (index, most) };
+        // Where nothing is said of a surface, there is none to choose another in place of.
+        if most.1 == Point::zeros() {
+            return (index, most);
+        }
         // Times both deviations, so that one of them may be zero.
         let cost = |local: &Local| {
             let within = (most.0 - local.0) * contact.normal_deviation;
