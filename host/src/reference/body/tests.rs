@@ -1,4 +1,4 @@
-use super::turned::tests::cup;
+pub(crate) use super::turned::tests::cup;
 use super::*;
 use crate::reference::{Faces, Gpis, Kernel, Training};
 use proptest::prelude::*;
@@ -109,6 +109,12 @@ proptest! {
         prop_assert!(quadric.at(&Point::zeros()).0 < 0.0);
         if quadric.at(&p).0 <= 0.0 && quadric.at(&q).0 <= 0.0 {
             prop_assert!(quadric.at(&(p * share + q * (1.0 - share))).0 < 1e-9);
+        }
+        // Outside, where a ray from the centre leaves it is on the surface.
+        let foot = Part::Quadric(quadric).foot(&p);
+        if quadric.at(&p).0 > 0.0 {
+            prop_assert!(quadric.at(&foot.point).0.abs() < 1e-6);
+            prop_assert!((foot.point * foot.gauge - p).norm() < 1e-9);
         }
         let (square, slope) = (p.dot(&(form * p)), quadric.gauge(&p).1.norm());
         prop_assume!(square > 1e-2 && slope > 0.1);
