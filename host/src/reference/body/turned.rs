@@ -85,8 +85,13 @@ impl Turned {
     /// axis's length.
     pub(super) const IDLE: usize = 2;
 
+    /// Ways along the axis that end flat.
+    fn felt_ends(&self) -> impl Iterator<Item = f64> {
+        [1.0, -1.0].into_iter().zip(self.ends).filter_map(|(way, is_flat)| is_flat.then_some(way))
+    }
+
     fn lengths(&self) -> usize {
-        self.ends.iter().filter(|is| **is).count()
+        self.felt_ends().count()
     }
 
     /// What most bodies have: those of a cylinder as wide and as long as the ball.
@@ -102,7 +107,8 @@ impl Turned {
         Point::from_fn(|i, _| numbers[AXIS + i]).try_normalize(1e-9)
     }
 
-    /// By how much its cross-section is longer along the one and the other diagonal.
+    /// By how much a cross-section is no circle, as the root of its form has it: along the two directions
+    /// across, and between them.
     fn oval(&self, numbers: &DVector<f64>) -> (f64, f64) {
         let first = LENGTHS + self.lengths();
         if self.is_oval { (numbers[first], numbers[first + 1]) } else { (0.0, 0.0) }
@@ -130,8 +136,7 @@ impl Turned {
         let centre = Point::from_fn(|i, _| numbers[i]);
         let taper = axis * (numbers[WIDENING] * inverse);
         let side = Quadric::tapered(centre, root * root.transpose(), taper)?;
-        let normals =
-            [axis, -axis].into_iter().zip(self.ends).filter_map(|(n, is)| is.then_some(n));
+        let normals = self.felt_ends().map(|way| axis * way);
         let offsets = numbers.rows(LENGTHS, lengths).into_owned();
         let end = |(normal, offset): (Point, &f64)| Part::Plane(Plane { normal, offset: *offset });
         let ends = normals.zip(offsets.iter()).map(end);
@@ -194,13 +199,10 @@ impl Turned {
             numbers.rows_mut(0, 3).copy_from(&centre);
             numbers[INVERSE] = found.z.max(THIN).recip();
         }
-        let mut length = LENGTHS;
-        for way in [1.0, -1.0].into_iter().zip(self.ends).filter_map(|(way, is)| is.then_some(way))
-        {
+        for (length, way) in self.felt_ends().enumerate() {
             let end = felt.iter().filter(|f| way * along(f) > END);
             let offsets = end.clone().map(|f| way * f.point.dot(&self.axis));
-            numbers[length] = offsets.sum::<f64>() / end.count().max(1) as f64;
-            length += 1;
+            numbers[LENGTHS + length] = offsets.sum::<f64>() / end.count().max(1) as f64;
         }
         Fit::turned(*self, numbers)
     }
