@@ -231,6 +231,9 @@ pub struct Body {
     degrees: f64,
 }
 
+/// Deviations of a contact's point within which a crease may be crossed.
+const CREASE: f64 = 2.0;
+
 impl Body {
     /// What it is the intersection of.
     pub fn parts(&self) -> &[Part] {
@@ -261,26 +264,24 @@ impl Body {
         parts.fold(far, |most, part| if part.1.0 > most.1.0 { part } else { most })
     }
 
-    /// The part a contact was felt on: the one that its place and its normal together, each in its
-    /// deviations, suit best. Near an edge that need not be the outermost one.
+    /// The part a contact was felt on: of those its deviation lets it lie on, the one whose normal
+    /// is most like its own.
     fn touched(&self, contact: &Contact) -> (usize, Local) {
         let (index, most) = self.active(&contact.point);
         let Some(normal) = contact.normal else { return (index, most) };
-        // Where nothing is said of a surface, there is none to choose another in place of.
-        if most.1 == Point::zeros() {
-            return (index, most);
-        }
-        // Times both deviations, so that one of them may be zero.
-        let cost = |local: &Local| {
-            let within = (most.0 - local.0) * contact.normal_deviation;
-            let turned = (local.1 - normal) * contact.point_deviation;
-            within.powi(2) + turned.norm_squared()
-        };
-        let parts = self.parts.iter().map(|part| part.at(&contact.point)).enumerate();
-        parts.fold(
-            (index, most),
-            |best, part| if cost(&part.1) < cost(&best.1) { part } else { best },
-        )
+        let near = most.0 - CREASE * contact.point_deviation;
+        let apart = |local: &Local| (local.1 - normal).norm_squared();
+        self.parts
+            .iter()
+            .map(|part| part.at(&contact.point))
+            .enumerate()
+            .filter(|(_, local)| local.0 >= near)
+            .fold(
+                (index, most),
+                |best, part| {
+                    if apart(&part.1) < apart(&best.1) { part } else { best }
+                },
+            )
     }
 
     /// What each mode adds at `p`, to first order on the surface. Beyond a round part's surface that

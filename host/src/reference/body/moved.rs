@@ -16,7 +16,8 @@ use crate::space::Point;
 /// Difference of a mode, in its deviations, for its slope.
 const NUDGE: f64 = 1e-5;
 
-/// Least eigenvalue of a quadric's form over its greatest that is none: a hyperboloid has no inside.
+/// Least eigenvalue of a quadric's form over its greatest that is one: a hyperboloid has no inside. A
+/// cylinder's that was zero is the square of the turn below, and taken for zero again.
 const HOLLOW: f64 = -0.1;
 
 impl Body {
@@ -94,6 +95,7 @@ impl Body {
                 if !(least > HOLLOW * greatest) {
                     return None;
                 }
+                // The nearest form that is none of a hyperboloid (Higham 1988).
                 let flat = eigen.eigenvalues.map(|value| value.max(0.0));
                 let form = eigen.eigenvectors
                     * Matrix3::from_diagonal(&flat)
