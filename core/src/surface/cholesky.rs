@@ -142,6 +142,28 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
         self.append_columns(C, columns)
     }
 
+    /// Appends the first `count` of C rows in one pass over the factor. `columns` is as in
+    /// [`append_independent`](Self::append_independent); the lower triangle of `own` is their covariance.
+    ///
+    /// # Errors
+    /// As [`append_independent`](Self::append_independent), or when `count` is more than C; the factor is
+    /// as it was.
+    pub fn append_block<const C: usize>(
+        &mut self,
+        count: usize,
+        columns: &mut [[f32; C]],
+        own: &[[f32; C]; C],
+    ) -> Result<(), NotPositiveDefinite> {
+        let n = self.rows;
+        if count > C || n + count > ROWS || columns.len() != n {
+            return Err(NotPositiveDefinite);
+        }
+        for (side, own) in own[..count].iter().enumerate() {
+            self.lower[start(n + side) + n..][..=side].copy_from_slice(&own[..=side]);
+        }
+        self.append_columns(count, columns)
+    }
+
     /// Appends the first `count` of C rows, whose covariances among themselves are staged; there is
     /// room for them.
     #[inline(always)]

@@ -40,6 +40,12 @@ pub trait Kernel: Copy + Send + Sync + 'static {
     /// b′/r at the squared distance `r2`, with which ∇f has slopes (per metre to the fourth).
     fn third(&self, r2: f32) -> f32;
 
+    /// [`radials`](Self::radials), each with [`third`](Self::third).
+    #[inline(always)]
+    fn radials_and_thirds<const N: usize>(&self, r2: [f32; N]) -> [(Radial, f32); N] {
+        r2.map(|r2| (self.radial(r2), self.third(r2)))
+    }
+
     /// Variance of f: k(0), square metres.
     fn variance(&self) -> f32;
 
@@ -191,9 +197,18 @@ impl Kernel for Matern32 {
 
     #[inline(always)]
     fn third(&self, r2: f32) -> f32 {
-        let r2 = math::max(r2, NEAR);
-        let u = SQRT_3 / self.lengthscale * math::sqrt(r2);
-        -self.radial(r2).b * (u + 1.0) / r2
+        let [(_, third)] = self.radials_and_thirds([r2]);
+        third
+    }
+
+    #[inline(always)]
+    fn radials_and_thirds<const N: usize>(&self, r2: [f32; N]) -> [(Radial, f32); N] {
+        let rate = SQRT_3 / self.lengthscale;
+        let radials = self.radials(r2);
+        core::array::from_fn(|n| {
+            let r2 = math::max(r2[n], NEAR);
+            (radials[n], -radials[n].b * (rate * math::sqrt(r2) + 1.0) / r2)
+        })
     }
 
     fn scaled(&self, unit: f32) -> Self {

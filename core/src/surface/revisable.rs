@@ -47,7 +47,13 @@ pub trait Revisable<S: Space>: Map<S> {
 
     /// Appends a contact (object frame) whose noise is shared as said; the number of its rows, 0 when
     /// it has no room or tells nothing new in single precision. [`Map::refit`] makes it count.
-    fn append(&mut self, contact: &Contact<S>, shared: &Shared<'_, S>) -> usize;
+    /// `workspace` must hold four numbers for each row in use; with less the contact finds no room.
+    fn append(
+        &mut self,
+        contact: &Contact<S>,
+        shared: &Shared<'_, S>,
+        workspace: &mut [f32],
+    ) -> usize;
 
     /// Takes back all contacts appended after there were this many rows.
     fn withdraw(&mut self, rows: usize);
@@ -72,8 +78,13 @@ pub trait Revisable<S: Space>: Map<S> {
     fn whiten<const C: usize>(&self, first: usize, x: &mut [[f32; C]]);
 
     /// The block of (K + Σ + J P Jᵀ)⁻¹ of `count` rows from `first` on, at most `N`; `None` where those
-    /// rows do not exist.
-    fn precision<const N: usize>(&self, first: usize, count: usize) -> Option<[[f32; N]; N]>;
+    /// rows do not exist, or `workspace` does not hold `N` numbers for each row from there on.
+    fn precision<const N: usize>(
+        &self,
+        first: usize,
+        count: usize,
+        workspace: &mut [f32],
+    ) -> Option<[[f32; N]; N]>;
 
     /// ∇f at `point` and its slopes.
     fn bend(&self, point: S::Vector) -> Bend<S>;

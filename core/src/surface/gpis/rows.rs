@@ -1,7 +1,8 @@
 //! Rows of the covariance matrix: what a contact becomes, and how the factor grows by it.
 
-use core::array::from_fn;
+use core::array::{from_fn, from_ref};
 
+use super::revise::TOGETHER;
 use super::{Gpis, Training};
 use crate::contact::Contact;
 use crate::matrix::Coordinates;
@@ -140,36 +141,49 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         site: &Site<S>,
         variances: [f32; C],
     ) -> Result<(), NotPositiveDefinite> {
-        // By value: what depends on it alone is then worked out once.
-        let kernel = self.kernel;
         let first = self.factor.rows();
         let (columns, _) = self.noise[packed(first)..packed(first + C)].as_chunks_mut::<C>();
         let columns = &mut columns[..first];
-        for other in &self.sites[..self.count] {
-            let at = usize::from(other.row);
-            Self::covary(&kernel, site, other, &mut columns[at..at + other.rows()]);
-        }
+        Self::covary_all(self.kernel, site, &self.sites[..self.count], columns);
         self.factor.append_independent(columns, variances)
     }
 
-    /// Covariances of the rows of the new `site`, with its slopes, with those of an old one, which
+    /// Covariances of the rows of a new `site`, with its slopes, with those of all others, which
     /// `columns` are.
-    #[inline(always)]
-    fn covary<const C: usize>(
-        kernel: &K,
+    pub(super) fn covary_all<const C: usize>(
+        kernel: K,
         site: &Site<S>,
-        other: &Site<S>,
+        others: &[Site<S>],
         columns: &mut [[f32; C]],
     ) {
-        let d = site.point - other.point;
-        let Radial { k, a, b } = kernel.radial(d.norm_squared());
-        let Some((values, slopes)) = columns.split_first_mut() else { return };
-        *values = from_fn(|i| if i == 0 { k } else { a * d[i - 1] });
-        if other.slope {
+        let (groups, rest) = others.as_chunks::<TOGETHER>();
+        groups.iter().for_each(|others| Self::covary(&kernel, site, others, columns));
+        rest.iter().for_each(|other| Self::covary(&kernel, site, from_ref(other), columns));
+    }
+
+    /// Its covariances with some of them.
+    #[inline(always)]
+    fn covary<const C: usize, const N: usize>(
+        kernel: &K,
+        site: &Site<S>,
+        others: &[Site<S>; N],
+        columns: &mut [[f32; C]],
+    ) {
+        let d: [S::Vector; N] = from_fn(|n| site.point - others[n].point);
+        let radials = kernel.radials(d.map(|d| d.norm_squared()));
+        for ((other, d), Radial { k, a, b }) in others.iter().zip(d).zip(radials) {
+            let columns = &mut columns[usize::from(other.row)..][..other.rows()];
+            let Some((values, slopes)) = columns.split_first_mut() else { continue };
+            *values = from_fn(|i| match i {
+                0 => k,
+                _ if i > S::DIMENSION => 0.0,
+                _ => a * d[i - 1],
+            });
             for (j, slopes) in slopes.iter_mut().enumerate() {
-                *slopes = from_fn(|i| {
-                    let diagonal = if i == j + 1 { a } else { 0.0 };
-                    if i == 0 { -a * d[j] } else { -(b * d[i - 1] * d[j] + diagonal) }
+                *slopes = from_fn(|i| match i {
+                    0 => -a * d[j],
+                    _ if i > S::DIMENSION => 0.0,
+                    _ => -(b * d[i - 1] * d[j] + if i == j + 1 { a } else { 0.0 }),
                 });
             }
         }

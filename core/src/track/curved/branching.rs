@@ -100,6 +100,7 @@ impl<
             let child = &mut self.children[slot];
             (child.evidence, child.parent) = (evidence, parent as u16);
             self.trajectory.settle(&self.map, self.settled, &self.memory, child);
+            child.covariance = self.trajectory.covariance(&self.map, self.settled);
         }
         self.lift(new);
         let contacts = self.memory.grasps()[new].touches();

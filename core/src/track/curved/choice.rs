@@ -1,12 +1,16 @@
 //! Which trajectories stay: the best first, equal ones as one, without the improbable.
 
 use super::Curved;
+use super::small::Definite;
 use crate::math;
-use crate::space::Space;
+use crate::matrix::Coordinates;
+use crate::space::{Pose, Space};
 use crate::surface::Revisable;
 use crate::track::Separation;
 
-/// Poses of a hypothesis that differ by less in every grasp make it a copy.
+/// Poses of a hypothesis that differ by less in every grasp make it a copy. The last pose may differ by
+/// what is left open of it: two normal distributions that are no farther apart are one, found twice. (On
+/// a cylinder, whose turns about its axis nobody feels, most are.)
 const COPY: Separation = Separation { translation: 0.002, rotation: 0.035 };
 
 impl<
@@ -44,8 +48,12 @@ impl<
             let (before, rest) = self.hypotheses.split_at(index);
             let Some(this) = rest.first() else { break };
             let copy = before[..kept].iter().any(|other| {
-                let poses = this.poses[..grasps].iter().zip(&other.poses);
-                poses.into_iter().all(|(a, b)| COPY.between::<S>(a, b) < 1.0)
+                let Some(last) = grasps.checked_sub(1) else { return true };
+                let mut poses = this.poses[..grasps].iter().zip(&other.poses).enumerate();
+                poses.all(|(grasp, (a, b))| {
+                    COPY.between::<S>(a, b) < 1.0
+                        || (grasp == last && is_within::<S>(a, b, &other.covariance))
+                })
             });
             if !copy {
                 exchange(&mut self.hypotheses, kept, index);
@@ -70,6 +78,14 @@ impl<
             hypothesis.weight *= 1.0 / total;
         }
     }
+}
+
+/// Whether a pose is no farther from another than its covariance leaves open: one deviation for each
+/// axis.
+fn is_within<S: Space>(pose: &S::Pose, other: &S::Pose, covariance: &S::Covariance) -> bool {
+    let apart = other.local(pose);
+    Definite::<S>::new(covariance)
+        .is_some_and(|covariance| apart.dot(covariance.solve(apart)) < S::FREEDOM as f32)
 }
 
 /// Swaps two hypotheses of which `before` comes first, without a third on the stack.

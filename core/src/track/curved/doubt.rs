@@ -57,8 +57,9 @@ pub(super) fn doubt_one<S: Space, M: Revisable<S>>(
     first: usize,
     count: usize,
     belief: &mut Belief<S>,
+    workspace: &mut [f32],
 ) {
-    let Some(precision) = map.precision::<PARTS>(first, count) else { return };
+    let Some(precision) = map.precision::<PARTS>(first, count, workspace) else { return };
     let Some(weights) = map.weights().get(first..first + count) else { return };
     let mut inverse = [[0.0; PARTS]; PARTS];
     let mut residual = [0.0; PARTS];

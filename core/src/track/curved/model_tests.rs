@@ -70,7 +70,7 @@ fn laplace_agrees_with_integration() {
                         spread: &[],
                         since,
                     };
-                    assert_eq!(exact.append(&touch.seen_from(&pose), &shared), 3);
+                    assert_eq!(exact.append(&touch.seen_from(&pose), &shared, &mut [0.0; 256]), 3);
                 }
                 let prior: f32 = grid.iter().map(|g| -0.5 * g * g - 0.918_938_5).sum();
                 let density =

@@ -21,7 +21,7 @@ const ROUGHNESS_STEP: f32 = 1.4;
 const LEAST_CONTACTS: usize = 8;
 
 /// Contacts whose fit is looked at again in one round.
-const DOUBTED: usize = 24;
+const DOUBTED: usize = 16;
 
 impl<
     S: Space,
@@ -100,7 +100,7 @@ impl<
             if round == self.settings.rounds || far < STILL {
                 break;
             }
-            let again = self.doubted();
+            let again = self.doubted(usize::from(round));
             let hypothesis = &mut self.hypotheses[index];
             self.trajectory.doubt(&self.map, settled, &self.memory, hypothesis, again);
             self.trajectory.relinearise(&self.map, &self.memory, hypothesis);
@@ -116,11 +116,11 @@ impl<
         hypothesis.covariance = self.trajectory.covariance(&self.map, self.settled);
     }
 
-    /// The contacts whose fit is looked at again: all while they are few, else a part in turn.
-    fn doubted(&self) -> core::ops::Range<usize> {
+    /// The contacts whose fit a round looks at again: all while they are few, else a part in turn.
+    fn doubted(&self, round: usize) -> core::ops::Range<usize> {
         let contacts = self.memory.touches().len();
         let parts = contacts.div_ceil(DOUBTED).max(1);
-        let part = self.grasps as usize % parts;
+        let part = (self.grasps as usize + round) % parts;
         part * contacts / parts..(part + 1) * contacts / parts
     }
 }

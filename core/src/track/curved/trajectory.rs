@@ -122,8 +122,8 @@ pub(super) struct Trajectory<
     /// with η.
     levers: [S::Tangent; ROWS],
     spreads: [S::Tangent; ROWS],
-    /// Scratch: the covariances with the last pose, whitened.
-    whitened: [[f32; AXES]; ROWS],
+    /// Workspace: of each row as many numbers as a tangent has, or one for each row of a contact.
+    scratch: [[f32; AXES]; ROWS],
     /// Of every contact: its first row (counted from the first in common) and how many.
     rows: [(u16, u8); CONTACTS],
     /// Rows in use.
@@ -141,7 +141,7 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
             links: [Link::UNSET; GRASPS],
             levers: [S::Tangent::ZERO; ROWS],
             spreads: [S::Tangent::ZERO; ROWS],
-            whitened: [[0.0; AXES]; ROWS],
+            scratch: [[0.0; AXES]; ROWS],
             rows: [(0, 0); CONTACTS],
             used: 0,
             grasps: 0,
@@ -195,8 +195,18 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
             let (touch, belief) = (&memory.touches()[index], &hypothesis.beliefs[index]);
             let contact = scaled(touch, belief).seen_from(pose);
             let count = self.row_levers(&contact, belief, &link);
-            let shared = self.shared(&contact, belief, &link, since, count);
-            let taken = map.append(&contact, &shared);
+            let mut offset = [0.0; PARTS];
+            for (part, offset) in offset[..count].iter_mut().enumerate() {
+                *offset = lever(&contact, &belief.bend, part).dot(link.offset);
+            }
+            let end = self.used + count;
+            let shared = Shared {
+                offset,
+                lever: self.levers.get(self.used..end).unwrap_or(&[]),
+                spread: self.spreads.get(..end).unwrap_or(&[]),
+                since,
+            };
+            let taken = map.append(&contact, &shared, self.scratch.as_flattened_mut());
             self.rows[index] = (self.used as u16, taken as u8);
             self.used += taken;
             self.contacts = index + 1;
@@ -232,28 +242,6 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
             }
         }
         count
-    }
-
-    /// What the map needs to know of it.
-    fn shared(
-        &self,
-        contact: &Contact<S>,
-        belief: &Belief<S>,
-        link: &Link<S>,
-        since: usize,
-        count: usize,
-    ) -> Shared<'_, S> {
-        let mut offset = [0.0; PARTS];
-        for (part, offset) in offset[..count].iter_mut().enumerate() {
-            *offset = lever(contact, &belief.bend, part).dot(link.offset);
-        }
-        let end = self.used + count;
-        Shared {
-            offset,
-            lever: self.levers.get(self.used..end).unwrap_or(&[]),
-            spread: self.spreads.get(..end).unwrap_or(&[]),
-            since,
-        }
     }
 
     /// Moves the poses to where they are most likely given all contacts and motions, to first order:
@@ -305,7 +293,7 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
             return S::Covariance::ZERO;
         };
         let used = map.rows().min(ROWS).saturating_sub(since).min(self.used);
-        let whitened = &mut self.whitened[..used];
+        let whitened = &mut self.scratch[..used];
         for (to, spread) in whitened.iter_mut().zip(&self.spreads) {
             *to = core::array::from_fn(|axis| if axis < S::FREEDOM { spread[axis] } else { 0.0 });
         }
@@ -346,7 +334,7 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
     /// four degrees of freedom as a normal distribution of uncertain scale. Whether any of `contacts` is
     /// doubted.
     pub fn doubt<M: Revisable<S>>(
-        &self,
+        &mut self,
         map: &M,
         since: usize,
         memory: &Memory<S, GRASPS, CONTACTS>,
@@ -358,7 +346,8 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
             let (first, count) = self.rows[index];
             let (first, count) = (since + usize::from(first), usize::from(count));
             let belief = &mut hypothesis.beliefs[index];
-            doubt_one(map, &memory.touches()[index], first, count, belief);
+            let workspace = self.scratch.as_flattened_mut();
+            doubt_one(map, &memory.touches()[index], first, count, belief, workspace);
             doubted |= belief.trust < 1.0;
         }
         doubted
