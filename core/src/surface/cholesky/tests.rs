@@ -126,6 +126,35 @@ proptest! {
 
 proptest! {
     #[test]
+    fn a_block_of_rows_is_those_appended_alone(a in proptest::array::uniform13(proptest::array::uniform13(-1.0f32..1.0)), before in 0usize..10, count in 1usize..5) {
+        let rows: Vec<usize> = (0..before + count).collect();
+        let m = matrix(&a, &rows);
+        let alone = factor(&m);
+        let mut f = factor(&m[..before]);
+        // Past the last row, and above the diagonal, whatever.
+        let entry = |i: usize, k: usize| if i < count && k <= before + i { m[before + i][k] } else { 7.0 };
+        let columns: Vec<[f32; 4]> =
+            (0..before).map(|k| core::array::from_fn(|i| entry(i, k))).collect();
+        let mut own: [[f32; 4]; 4] =
+            core::array::from_fn(|i| core::array::from_fn(|j| entry(i, before + j)));
+        prop_assert_eq!(f.append_block(count, &mut columns.clone(), &own), Ok(()));
+        prop_assert_eq!(f.rows(), rows.len());
+        for i in 0..packed(rows.len()) {
+            prop_assert!((f.lower[i] - alone.lower[i]).abs() < 1e-5);
+        }
+        // More than there are, no row, or columns that are not those of the rows: none is taken.
+        f.truncate(before);
+        prop_assert_eq!(f.append_block(5, &mut columns.clone(), &own), Err(NotPositiveDefinite));
+        let wrong = &mut [[0.0; 4]; N][..before + 1];
+        prop_assert_eq!(f.append_block(count, wrong, &own), Err(NotPositiveDefinite));
+        own[count - 1][count - 1] = -1.0;
+        prop_assert_eq!(f.append_block(count, &mut columns.clone(), &own), Err(NotPositiveDefinite));
+        prop_assert_eq!(f.rows(), before);
+    }
+}
+
+proptest! {
+    #[test]
     fn independent_rows_are_those_appended_alone(a in proptest::array::uniform13(proptest::array::uniform13(-1.0f32..1.0)), before in 1usize..10) {
         let rows: Vec<usize> = (0..before + 4).collect();
         let mut m = matrix(&a, &rows);

@@ -1,7 +1,8 @@
 use super::*;
 use crate::matrix::Vector;
-use crate::space::{Planar, Pose, Spatial, SpatialPose};
+use crate::space::{Planar, Pose, Space, Spatial, SpatialPose};
 use crate::surface::cholesky::packed;
+use crate::surface::revisable::{Revisable, Shared};
 use crate::surface::{Ball, Constant, Matern32, SquaredExponential, ThinPlate};
 use proptest::prelude::*;
 use std::vec::Vec;
@@ -142,9 +143,12 @@ fn at_capacity_the_most_redundant_goes() {
 
 /// Largest difference between what the sites say beyond the mean there and Σ·w, their share of the
 /// noise: both are the same when the factor is that of K + Σ.
-fn inconsistency<const N: usize, const R: usize, const Q: usize>(
-    map: &Gpis<Planar, Matern32, Ball<Planar>, N, R, Q>,
-) -> (f32, f32) {
+fn inconsistency<S: Space, const N: usize, const R: usize, const Q: usize>(
+    map: &Gpis<S, Matern32, Ball<S>, N, R, Q>,
+) -> (f32, f32)
+where
+    Ball<S>: Prior<S>,
+{
     let (mut value, mut slope) = (0.0f32, 0.0f32);
     for site in map.sites() {
         let probe = map.probe(site.point);
@@ -152,9 +156,10 @@ fn inconsistency<const N: usize, const R: usize, const Q: usize>(
             (0..map.rows()).map(|j| map.noise(row, j) * map.weights[j]).sum()
         };
         let row = usize::from(site.row);
-        value = value.max((site.value - probe.value - share(row)).abs());
+        value = value.max((site.value + site.value_offset - probe.value - share(row)).abs());
         for j in 0..site.rows() - 1 {
-            let left = site.normal[j] - probe.gradient[j] - share(row + 1 + j);
+            let seen = site.normal[j] + site.slope_offset[j];
+            let left = seen - probe.gradient[j] - share(row + 1 + j);
             slope = slope.max(left.abs());
         }
     }
@@ -283,4 +288,68 @@ fn every_training_takes_an_endless_stream() {
     }
     tiny.refit();
     assert!(tiny.probe(Vector::ZERO).value.is_finite());
+}
+
+/// Appends all contacts but the first with errors in common, and compares the model with what it is to be.
+fn in_common<S: Space, const N: usize, const R: usize, const Q: usize>(
+    mut map: Gpis<S, Matern32, Ball<S>, N, R, Q>,
+    contacts: &[Contact<S>],
+) where
+    Ball<S>: Prior<S>,
+{
+    map.configure(MATERN, Ball::UNSET, Training::Normals);
+    map.insert(&contacts[0]);
+    let since = map.rows();
+    let mut random = crate::random::Random::new(5);
+    let (mut levers, mut spreads) = (Vec::new(), Vec::new());
+    for (number, contact) in contacts.iter().enumerate().skip(1) {
+        let contact = &Contact { normal: contact.normal.filter(|_| number % 3 > 0), ..*contact };
+        let rows = if contact.normal.is_some() { 1 + S::DIMENSION } else { 1 };
+        for _ in 0..rows {
+            levers.push(S::Tangent::from_fn(|_| random.normal_pair().0));
+        }
+        let lever = &levers[levers.len() - rows..];
+        spreads.extend(lever.iter().map(|lever| *lever * 1e-6));
+        let offset = [5e-4, 0.01, -0.02, 0.03];
+        let shared = Shared { offset, lever, spread: &spreads, since };
+        let before = map.rows();
+        let mut workspace = std::vec![7.0; 4 * before];
+        if contact.normal.is_some() {
+            let short = &mut workspace[..4 * before - 1];
+            assert_eq!(
+                (Revisable::append(&mut map, contact, &shared, short), map.rows()),
+                (0, before)
+            );
+        }
+        assert_eq!(Revisable::append(&mut map, contact, &shared, &mut workspace), rows);
+    }
+    map.refit();
+    for i in since..map.rows() {
+        for j in since..i {
+            let expected = spreads[j - since].dot(levers[i - since]);
+            assert!((map.noise(i, j) - expected).abs() < 1e-12);
+        }
+        assert_eq!(map.noise(i, 0), 0.0);
+    }
+    let (value, slope) = inconsistency(&map);
+    assert!(value < 5e-6 && slope < 1e-3, "{value} {slope}");
+    let (first, mut workspace) = (map.rows() - 5, [7.0; 10]);
+    assert!(map.precision::<2>(first, 2, &mut workspace).is_some());
+    assert!(map.precision::<2>(first, 2, &mut workspace[..9]).is_none());
+}
+
+#[test]
+fn errors_in_common_are_part_of_the_model() {
+    let contacts: Vec<_> = ellipse(9, 3).collect();
+    in_common(Plane::new(), &contacts);
+    let mut random = crate::random::Random::new(4);
+    let ellipsoid = |_| {
+        let n: Vector<3> = random.normal();
+        let n = n.normalized().unwrap_or(Vector([1.0, 0.0, 0.0]));
+        let point = Vector([0.05 * n[0], 0.04 * n[1], 0.03 * n[2]]);
+        let normal = Vector([n[0] / 0.05, n[1] / 0.04, n[2] / 0.03]).normalized();
+        Contact { point, normal, point_deviation: 1e-3, normal_deviation: 0.0873, finger: 0 }
+    };
+    let contacts: Vec<Contact<Spatial>> = (0..9).map(ellipsoid).collect();
+    in_common(Gpis::<Spatial, _, _, 24, 96, { packed(96) }>::new(), &contacts);
 }
