@@ -20,8 +20,8 @@ const ROUGHNESS_STEP: f32 = 1.4;
 /// Fewer contacts say nothing about the amplitude.
 const LEAST_CONTACTS: usize = 8;
 
-/// Contacts whose fit is looked at again in one round.
-const DOUBTED: usize = 16;
+/// Contacts whose fit is looked at again in one round, at most.
+pub(super) const DOUBTED: usize = 16;
 
 impl<
     S: Space,
@@ -100,7 +100,8 @@ impl<
             if round == self.settings.rounds || far < STILL {
                 break;
             }
-            let again = self.doubted(usize::from(round));
+            let turn = self.grasps as usize + usize::from(round);
+            let again = doubted(self.memory.touches().len(), turn);
             let hypothesis = &mut self.hypotheses[index];
             self.trajectory.doubt(&self.map, settled, &self.memory, hypothesis, again);
             self.trajectory.relinearise(&self.map, &self.memory, hypothesis);
@@ -115,14 +116,13 @@ impl<
         }
         hypothesis.covariance = self.trajectory.covariance(&self.map, self.settled);
     }
+}
 
-    /// The contacts whose fit a round looks at again: all while they are few, else a part in turn.
-    fn doubted(&self, round: usize) -> core::ops::Range<usize> {
-        let contacts = self.memory.touches().len();
-        let parts = contacts.div_ceil(DOUBTED).max(1);
-        let part = (self.grasps as usize + round) % parts;
-        part * contacts / parts..(part + 1) * contacts / parts
-    }
+/// The contacts whose fit is looked at again: all while they are few, else a part in turn.
+pub(super) fn doubted(contacts: usize, turn: usize) -> core::ops::Range<usize> {
+    let parts = contacts.div_ceil(DOUBTED).max(1);
+    let part = turn % parts;
+    part * contacts / parts..(part + 1) * contacts / parts
 }
 
 /// Log density of an amplitude's factor, up to a constant.
