@@ -16,13 +16,13 @@ fn wire<M: serde::Serialize>(sequence: u8, time: u32, message: M) -> Vec<u8> {
     encode(&Frame { sequence, time: Clock(time), message }, &mut buffer).unwrap().to_vec()
 }
 
-fn decode_all<M: serde::de::DeserializeOwned + PartialEq + core::fmt::Debug>(
+fn decode_all<M: serde::de::DeserializeOwned + core::fmt::Debug>(
     bytes: &[u8],
 ) -> (Decoder<M>, Vec<Result<Received<M>, FrameError>>) {
     let mut decoder = Decoder::new();
     let frames: Vec<_> = bytes.iter().filter_map(|&b| decoder.push(b)).collect();
     // Many at once are as one by one, wherever they are cut.
-    let mut many = Decoder::new();
+    let mut many = Decoder::<M>::new();
     let mut again = Vec::new();
     for mut piece in bytes.chunks(7) {
         while !piece.is_empty() {
@@ -31,7 +31,8 @@ fn decode_all<M: serde::de::DeserializeOwned + PartialEq + core::fmt::Debug>(
             piece = rest;
         }
     }
-    assert_eq!(again, frames);
+    // As text, in which a NaN equals itself.
+    assert_eq!(format!("{again:?}"), format!("{frames:?}"));
     assert_eq!(many.counters(), decoder.counters());
     assert_eq!(many.is_inside_frame(), decoder.is_inside_frame());
     (decoder, frames)
