@@ -10,7 +10,7 @@ use crate::track::Separation;
 
 /// Poses of a hypothesis that differ by less in every grasp make it a copy. The last pose may differ by
 /// what is left open of it: two normal distributions that are no farther apart are one, found twice. (On
-/// a cylinder, whose turns about its axis nobody feels, most are.)
+/// a cylinder, whose turns about its axis nobody feels, many are.)
 const COPY: Separation = Separation { translation: 0.002, rotation: 0.035 };
 
 impl<
