@@ -9,6 +9,7 @@ use super::terminal::tell;
 use crate::log::words::Kind;
 use crate::quantity::{self, Deviation};
 use crate::shape::Geometry;
+use crate::sim::objects::KINDS;
 use crate::sim::sensed::sense;
 use crate::sim::{ObjectSpec, Options, Touch, simulate};
 
@@ -21,10 +22,7 @@ use crate::sim::{ObjectSpec, Options, Touch, simulate};
     object is written beside the log as NAME.ply.\n\n\
     Example: tactile simulate --object rectangle:0.12x0.06 --seed 1 -o rectangle.jsonl")]
 pub struct SimulateArgs {
-    /// What is touched: rectangle:WxH, triangle:R, hexagon:R, ngon:N,R (R the circumradius),
-    /// ellipse:AxB, lshape:WxHxT or tshape:WxHxT (arms T wide; WxHxTxZ a prism), polygon:FILE,
-    /// box:XxYxZ, cylinder:DxH, sphere:D, ellipsoid:AxBxC, or a mesh file (.ply, .stl, .obj, .off)
-    #[arg(long, value_parser = object)]
+    #[arg(long, value_parser = object, help = format!("What is touched: {KINDS}"))]
     object: ObjectSpec,
     /// How many grasps [default: 16 in the plane, 20 in space]
     #[arg(long, value_name = "N")]

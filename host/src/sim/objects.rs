@@ -152,15 +152,14 @@ impl FromStr for ObjectSpec {
             "polygon" => ObjectSpec::Polygon(file("polygon:FILE")?),
             "corners" => ObjectSpec::Corners(corners(text, size)?),
             "prism" => {
-                let (height, base) = size.split_once(',').unwrap_or((size, ""));
-                let [height] = lengths(text, "prism:OBJECT,", height, "Z")?;
+                let expected = "prism:Z,OBJECT with a convex planar object";
+                let (height, base) = size
+                    .split_once(',')
+                    .ok_or_else(|| malformed(text, expected, "no object after a comma"))?;
+                let [height] = lengths(text, kind, height, "Z,OBJECT")?;
                 let base: ObjectSpec = base.parse()?;
                 if !base.is_convex_outline() {
-                    return Err(malformed(
-                        text,
-                        "prism:Z,OBJECT with a convex planar object",
-                        base,
-                    ));
+                    return Err(malformed(text, expected, base));
                 }
                 ObjectSpec::Prism { base: Box::new(base), height }
             }
@@ -375,7 +374,9 @@ mod tests {
             ("corners:0x0,0.1x0,nanx0.1", "found nanx0.1"),
             ("prism:0.06,lshape:0.1x0.1x0.03", "with a convex planar object"),
             ("prism:0.06,prism:0.06,hexagon:0.045", "with a convex planar object"),
-            ("prism:0.06", "unknown object"),
+            ("prism:0.06", "expected prism:Z,OBJECT with a convex planar object, found no object"),
+            ("prism:tall,hexagon:0.045", "expected prism:Z,OBJECT with a length such as"),
+            ("prism:1x2,hexagon:0.045", "expected prism:Z,OBJECT, found 2 lengths"),
         ] {
             let error = text.parse::<ObjectSpec>().unwrap_err().to_string();
             assert!(error.contains(expected), "{text:?}: {error}");
