@@ -194,7 +194,12 @@ pub(super) fn fitted(dimension: usize, contacts: &[Contact]) -> Result<Faces, Re
     Ok(faces.simplified(contacts).regular(contacts))
 }
 
-fn close(faces: &Faces, contacts: &[Contact], free: &[Point]) -> Result<Polytope, Refusal> {
+/// The shape that known faces and the contacts that they were fitted to make. Sides that nobody touched
+/// are closed at the outermost contacts; `free` are points known to be outside.
+///
+/// # Errors
+/// When they enclose nothing.
+pub fn close(faces: &Faces, contacts: &[Contact], free: &[Point]) -> Result<Polytope, Refusal> {
     let limit = UNTOUCHED * farthest(contacts);
     let closings = closures(faces, contacts);
     let near = |p: &Polytope| closings.is_empty() || untouched(p, contacts) <= limit;

@@ -88,6 +88,13 @@ impl<const D: usize> Arrow<D> {
         }
     }
 
+    /// Faces stay where they are: a step moves the poses alone.
+    pub fn hold_faces(&mut self) {
+        self.border.iter_mut().for_each(|rows| rows.fill(0.0));
+        self.corner.fill_with_identity();
+        self.rest.fill(0.0);
+    }
+
     /// Adds a contact's residual at a grasp on some faces, with its derivatives by the pose's tangent and
     /// by each face's turns and offset; there are so many numbers to a face as dimensions.
     pub fn add_touch<const R: usize>(

@@ -16,6 +16,7 @@
 pub mod alias;
 pub mod arrow;
 pub mod average;
+pub mod confine;
 pub mod explain;
 pub mod factors;
 pub mod planes;

@@ -1,9 +1,11 @@
 //! The joint graph of poses and flat faces, from a log and what trackers made of it.
 
 use nalgebra::{Const, DimMin, Matrix3, Matrix6};
+use rayon::prelude::*;
 
 use super::alias::restart;
 use super::average::{Averaged, averaged};
+use super::confine::{Confined, confined};
 use super::explain::{fitted, improve, settle};
 use super::factors::{step, touch};
 use super::problem::{Labels, Motion, Problem, State};
@@ -69,7 +71,8 @@ pub struct Corrected {
     pub faces: Vec<Plane>,
     /// What each usable contact lies on, in the log's order; `None` where nothing explains it.
     pub owners: Vec<Option<Owner>>,
-    /// Negative log evidence, nats, up to a constant of the log.
+    /// Negative log evidence, nats, up to a constant of the log, with what it takes to hold contacts where
+    /// their faces are surface.
     pub cost: f64,
     /// χ² per degree of freedom of the contacts that lie on faces and edges: about 1 on flat faces.
     pub per_degree: f64,
@@ -96,18 +99,13 @@ impl Corrected {
         }
         let placed: Vec<Contact> =
             place(log, &self.relative()).into_iter().map(|p| p.contact).collect();
-        let mut known = self.owners.iter();
+        let mut owners = self.owners.iter();
         let owner = |c: &Contact| {
             c.checked()?;
-            *known.next()?
+            *owners.next()?
         };
         let owners: Vec<Option<Owner>> = placed.iter().map(owner).collect();
-        let faces = self.faces.iter().enumerate().map(|(number, plane)| {
-            let own = placed.iter().zip(&owners).filter(|(_, o)| **o == Some(Owner::Face(number)));
-            let sum: Point = own.map(|(c, _)| c.point).sum();
-            plane.about(&(sum / plane.contacts.max(1) as f64))
-        });
-        Some(Faces::explaining(log.dimension, &placed, faces.collect(), owners))
+        Some(known(log.dimension, &self.faces, &placed, owners))
     }
 
     /// The steps with the covariances of [`Corrected::given_faces`]: to place contacts side by side.
@@ -118,6 +116,22 @@ impl Corrected {
         };
         self.steps.iter().zip(&self.given_faces).map(with).collect()
     }
+}
+
+/// Faces as a shape is made of them, which explain contacts in the object frame.
+pub(super) fn known(
+    dimension: usize,
+    planes: &[Plane],
+    placed: &[Contact],
+    owners: Labels,
+) -> Faces {
+    let faces = planes.iter().enumerate().map(|(number, plane)| {
+        let own = placed.iter().zip(&owners).filter(|(_, o)| **o == Some(Owner::Face(number)));
+        let sum: Point = own.map(|(c, _)| c.point).sum();
+        plane.about(&(sum / plane.contacts.max(1) as f64))
+    });
+    let faces = faces.collect();
+    Faces::explaining(dimension, placed, faces, owners)
 }
 
 /// How far to search.
@@ -173,10 +187,14 @@ where
     let felt =
         |edges: bool| explained::<D>(&Problem { edges, ..problem.clone() }, trajectories, effort);
     let (pointed, round) = rayon::join(|| felt(false), || felt(true));
-    let considered = pointed.into_iter().chain(round);
-    let (best, others) = considered.min_by(|a, b| a.0.cost.total_cmp(&b.0.cost))?;
     let steps = trajectories.first().copied().unwrap_or_default();
-    (!best.state.faces.is_empty()).then(|| corrected(problem, &best, &others, steps))?
+    let considered: Vec<_> = pointed.into_iter().chain(round).collect();
+    // That contacts lie where faces are surface is known of whole objects only.
+    let found = considered
+        .par_iter()
+        .filter(|(best, _)| !best.state.faces.is_empty())
+        .filter_map(|(best, others)| corrected(problem, best, others, steps));
+    found.min_by(|a, b| a.cost.total_cmp(&b.cost))
 }
 
 /// What comes of every trajectory and of one of the graph's own, with others that may be meant where it is
@@ -254,16 +272,6 @@ fn corrected<const D: usize>(
         std::iter::once(Matrix6::zeros()).chain(blocks.iter().map(six_by_six)).collect()
     };
     let (marginal, given_faces) = (blocks(&inverse.poses), blocks(&inverse.given_faces));
-    let steps = state
-        .poses
-        .iter()
-        .zip(&marginal)
-        .enumerate()
-        .map(|(k, (pose, covariance))| {
-            let before = steps.get(k).cloned().unwrap_or_else(|| Step::certain(*pose));
-            Step { pose: *pose, covariance: *covariance, ..before }
-        })
-        .collect();
     let faces = state.faces.iter().enumerate().map(|(j, face)| {
         let mut covariance = Matrix3::zeros();
         let number = |k: usize| if dimension == 2 && k == 1 { 2 } else { k };
@@ -281,12 +289,24 @@ fn corrected<const D: usize>(
             contacts: best.labels.iter().filter(|l| **l == Some(Owner::Face(j))).count(),
         }
     });
+    let faces: Vec<Plane> = faces.collect();
+    let Confined { state, cost } = confined::<D>(problem, &state, &best.labels, &faces);
+    let steps = state
+        .poses
+        .iter()
+        .zip(&marginal)
+        .enumerate()
+        .map(|(k, (pose, covariance))| {
+            let before = steps.get(k).cloned().unwrap_or_else(|| Step::certain(*pose));
+            Step { pose: *pose, covariance: *covariance, ..before }
+        })
+        .collect();
     Some(Corrected {
         steps,
         given_faces,
-        faces: faces.collect(),
+        faces,
         owners: best.labels.clone(),
-        cost: best.cost,
+        cost: best.cost + cost,
         per_degree: per_degree(problem, &state, &best.labels),
     })
 }

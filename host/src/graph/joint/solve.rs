@@ -66,7 +66,9 @@ pub fn solve<const D: usize>(
     let mut centre = problem.middle(&state.poses);
     for _ in 0..PASSES {
         // The centre is held while descending, so that the cost has a gradient.
-        let (least, at) = descend::<D>(problem, &mut state, &labels, &centre, &mut iterations);
+        let (least, at) = descend::<D>(problem.dimension, &mut state, &mut iterations, |state| {
+            linearise(problem, state, &labels, &centre)
+        });
         (cost, arrow) = (least, Some(at));
         let moved = problem.middle(&state.poses);
         if (moved - centre).norm() < STILL {
@@ -79,15 +81,14 @@ pub fn solve<const D: usize>(
     cost.is_finite().then_some(Solved { state, labels, cost, factor, iterations })
 }
 
-/// Takes `state` to the optimum, with the cost and its quadratic there.
-fn descend<const D: usize>(
-    problem: &Problem,
+/// Takes `state` to where `linearised`, a cost and its quadratic, is least, and says what it is there.
+pub(super) fn descend<const D: usize>(
+    dimension: usize,
     state: &mut State,
-    labels: &Labels,
-    centre: &Point,
     iterations: &mut usize,
+    linearised: impl Fn(&State) -> (f64, Arrow<D>),
 ) -> (f64, Arrow<D>) {
-    let (mut cost, mut arrow) = linearise::<D>(problem, state, labels, centre);
+    let (mut cost, mut arrow) = linearised(state);
     let mut damping = DAMPING.0;
     for _ in 0..ITERATIONS {
         if !cost.is_finite() || damping > DAMPING.1 {
@@ -98,8 +99,8 @@ fn descend<const D: usize>(
             damping *= 10.0;
             continue;
         };
-        let next = displaced::<D>(problem.dimension, state, &poses, faces.as_slice());
-        let (lower, linear) = linearise::<D>(problem, &next, labels, centre);
+        let next = displaced::<D>(dimension, state, &poses, faces.as_slice());
+        let (lower, linear) = linearised(&next);
         let gained = cost - lower;
         if gained > 0.0 {
             (*state, cost, arrow) = (next, lower, linear);

@@ -1,0 +1,142 @@
+//! Faces end where others begin: contacts lie on the part of a plane that is surface.
+//!
+//! A grasp that feels two parallel sides may slide along them, as far as planes can tell: infinitely far.
+//! But its contacts lie on sides that end, and once the others are known, so is where. Each contact that
+//! lies beyond the end of its face is held back by the face that ends it, with the contact's own
+//! deviation and in one direction only. What that costs, and what still lies elsewhere, tells sound sets
+//! of faces from those whose contacts hang in the air.
+//!
+//! The faces stay where they are: an inequality pushes one way, and would make objects grow.
+
+use super::arrow::Arrow;
+use super::factors;
+use super::planes::{Plane, known};
+use super::problem::{Labels, Problem, State};
+use super::solve::{descend, linearise};
+use super::tangent::Face;
+use crate::reference::Contact;
+use crate::reference::faces::Owner;
+use crate::shape::polytope::Polytope;
+use crate::slam::choose;
+
+/// Rounds of finding contacts beyond the ends of their faces: what is held back here may slide beyond
+/// another end.
+const ROUNDS: usize = 6;
+
+/// How far beyond the end of its face a contact may lie, in its deviations.
+const LEAST: f64 = 0.2;
+
+/// How near to a plane its points are, metres.
+const ON: f64 = 1e-6;
+
+/// A contact does not lie on this side of this face.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Side {
+    /// Its number among the problem's.
+    contact: usize,
+    face: usize,
+    /// +1 outside of the plane, as where corners are convex; −1 behind it, as in a hollow.
+    sign: f64,
+}
+
+/// Poses with contacts on those parts of their faces that are surface.
+#[derive(Clone, Debug)]
+pub(super) struct Confined {
+    /// As it was but for the poses.
+    pub state: State,
+    /// What it cost to bring the contacts there, and those that still lie elsewhere, nats.
+    pub cost: f64,
+}
+
+/// Holds contacts on the surface. Where the faces make no closed object, none lies on it, and the poses
+/// are as they were.
+pub(super) fn confined<const D: usize>(
+    problem: &Problem,
+    state: &State,
+    labels: &Labels,
+    planes: &[Plane],
+) -> Confined {
+    let mut state = state.clone();
+    let mut sides: Vec<Side> = Vec::new();
+    let centre = problem.middle(&state.poses);
+    let before = linearise::<D>(problem, &state, labels, &centre).0;
+    let mut shape = closed(problem, &state, labels, planes);
+    for _ in 0..ROUNDS {
+        let beyond = shape.as_ref().map_or(Vec::new(), |s| beyond(problem, &state, labels, s));
+        let new: Vec<Side> = beyond.into_iter().filter(|side| !sides.contains(side)).collect();
+        if new.is_empty() {
+            break;
+        }
+        sides.extend(new);
+        let centre = problem.middle(&state.poses);
+        descend::<D>(problem.dimension, &mut state, &mut 0, |state| {
+            let (mut cost, mut arrow) = linearise::<D>(problem, state, labels, &centre);
+            cost += sides.iter().map(|side| side.add(&mut arrow, problem, state)).sum::<f64>();
+            arrow.hold_faces();
+            (cost, arrow)
+        });
+        shape = closed(problem, &state, labels, planes);
+    }
+    let centre = problem.middle(&state.poses);
+    let after = linearise::<D>(problem, &state, labels, &centre).0;
+    let elsewhere = |(contact, label): (usize, &Option<Owner>)| {
+        let Some(Owner::Face(own)) = label else { return 0.0 };
+        let felt = problem.placed(&state.poses, contact);
+        let most = problem.unexplained(&felt) - problem.exact(&felt);
+        let nearest = shape.as_ref().and_then(|s| s.nearest(&felt.point, Some(*own)));
+        let Some((.., distance)) = nearest else { return most };
+        let off = state.faces[*own].value(&felt.point);
+        let along = (distance * distance - off * off).max(0.0);
+        problem.kernel.cost(along / felt.point_deviation.powi(2)).0.min(most)
+    };
+    let elsewhere: f64 = labels.iter().enumerate().map(elsewhere).sum();
+    Confined { state, cost: after - before + elsewhere }
+}
+
+impl Side {
+    /// Adds that the contact is on the other side of the face; what it costs.
+    fn add<const D: usize>(&self, arrow: &mut Arrow<D>, problem: &Problem, state: &State) -> f64 {
+        let felt = &problem.felt[self.contact];
+        let bare = Contact { normal: None, ..felt.contact };
+        let (pose, face) = (&state.poses[felt.grasp], &state.faces[self.face]);
+        let touch = factors::touch(pose, face, problem.dimension, &bare);
+        if self.sign * touch.residual[0] <= 0.0 {
+            return 0.0;
+        }
+        let (cost, weight) = problem.kernel.cost(touch.residual[0].powi(2));
+        let root = weight.sqrt();
+        arrow.add_touch(felt.grasp, &(touch.residual * root), &(touch.by_pose * root), &[]);
+        cost
+    }
+}
+
+/// The object that the faces make with the contacts at these poses.
+fn closed(problem: &Problem, state: &State, labels: &Labels, planes: &[Plane]) -> Option<Polytope> {
+    let placed: Vec<Contact> = (0..labels.len()).map(|i| problem.placed(&state.poses, i)).collect();
+    let faces = known(problem.dimension, planes, &placed, labels.clone());
+    choose::close(&faces, &placed, &[]).ok()
+}
+
+/// Which contacts lie beyond the ends of their faces, and of which others.
+fn beyond(problem: &Problem, state: &State, labels: &Labels, shape: &Polytope) -> Vec<Side> {
+    let mut sides = Vec::new();
+    for (contact, label) in labels.iter().enumerate() {
+        let Some(Owner::Face(own)) = label else { continue };
+        let felt = problem.placed(&state.poses, contact);
+        let Some((_, end, distance)) = shape.nearest(&felt.point, Some(*own)) else { continue };
+        let off = state.faces[*own].value(&felt.point);
+        if distance * distance - off * off < (LEAST * felt.point_deviation).powi(2) {
+            continue;
+        }
+        let ends = |(_, face): &(usize, &Face)| face.value(&end).abs() < ON;
+        let others = state.faces.iter().enumerate().filter(|(face, _)| face != own).filter(ends);
+        let values = others.map(|(face, plane)| (face, plane.value(&felt.point)));
+        // Of a corner's faces the one that the contact is outside of, if it is outside of any.
+        let Some((face, value)) = values.max_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
+        sides.push(Side { contact, face, sign: value.signum() });
+    }
+    sides
+}
+
+#[cfg(test)]
+mod tests;
