@@ -1,21 +1,24 @@
-//! Faces end where others begin: contacts lie on the part of a plane that is surface.
+//! Faces end where others begin: contacts lie on the part of a plane that is surface, and fingers that
+//! touched nothing outside of all.
 //!
 //! A grasp that feels two parallel sides may slide along them, as far as planes can tell: infinitely far.
 //! But its contacts lie on sides that end, and once the others are known, so is where. Each contact that
 //! lies beyond the end of its face is held back by the face that ends it, with the contact's own
-//! deviation and in one direction only. What that costs, and what still lies elsewhere, tells sound sets
-//! of faces from those whose contacts hang in the air.
+//! deviation and in one direction only; so is a finger that touched nothing and lies within. What that
+//! costs, and what still lies elsewhere, tells sound sets of faces from those whose contacts hang in the
+//! air.
 //!
 //! The faces stay where they are: an inequality pushes one way, and would make objects grow.
 
 use super::arrow::Arrow;
 use super::factors;
 use super::planes::{Plane, known};
-use super::problem::{Labels, Problem, State};
+use super::problem::{Felt, Labels, Problem, State};
 use super::solve::{descend, linearise};
 use super::tangent::Face;
 use crate::reference::Contact;
 use crate::reference::faces::Owner;
+use crate::shape::Field;
 use crate::shape::polytope::Polytope;
 use crate::slam::choose;
 
@@ -29,27 +32,26 @@ const LEAST: f64 = 0.2;
 /// How near to a plane its points are, metres.
 const ON: f64 = 1e-6;
 
-/// A contact does not lie on this side of this face.
+/// What was felt, or not, does not lie on this side of this face.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Side {
-    /// Its number among the problem's.
-    contact: usize,
+    felt: Felt,
     face: usize,
     /// +1 outside of the plane, as where corners are convex; −1 behind it, as in a hollow.
     sign: f64,
 }
 
-/// Poses with contacts on those parts of their faces that are surface.
+/// Poses with contacts where their faces are surface, and fingers that touched nothing outside.
 #[derive(Clone, Debug)]
 pub(super) struct Confined {
     /// As it was but for the poses.
     pub state: State,
-    /// What it cost to bring the contacts there, and those that still lie elsewhere, nats.
+    /// What it cost to bring them there, and those that still lie elsewhere, nats.
     pub cost: f64,
 }
 
-/// Holds contacts on the surface. Where the faces make no closed object, none lies on it, and the poses
-/// are as they were.
+/// Holds contacts on the surface and free fingers off it. Where the faces make no closed object, no contact
+/// lies on it, and the poses are as they were.
 pub(super) fn confined<const D: usize>(
     problem: &Problem,
     state: &State,
@@ -62,8 +64,9 @@ pub(super) fn confined<const D: usize>(
     let before = linearise::<D>(problem, &state, labels, &centre).0;
     let mut shape = closed(problem, &state, labels, planes);
     for _ in 0..ROUNDS {
-        let beyond = shape.as_ref().map_or(Vec::new(), |s| beyond(problem, &state, labels, s));
-        let new: Vec<Side> = beyond.into_iter().filter(|side| !sides.contains(side)).collect();
+        let Some(now) = &shape else { break };
+        let wrong = beyond(problem, &state, labels, now).chain(within(problem, &state, now));
+        let new: Vec<Side> = wrong.filter(|side| !sides.contains(side)).collect();
         if new.is_empty() {
             break;
         }
@@ -90,22 +93,28 @@ pub(super) fn confined<const D: usize>(
         problem.kernel.cost(along / felt.point_deviation.powi(2)).0.min(most)
     };
     let elsewhere: f64 = labels.iter().enumerate().map(elsewhere).sum();
-    Confined { state, cost: after - before + elsewhere }
+    let inside = |felt: &Felt| {
+        let most = problem.unexplained(&felt.contact) - problem.exact(&felt.contact);
+        let (_, depth) = depth(felt, &state, shape.as_ref()?)?;
+        Some(problem.kernel.cost((depth / felt.contact.point_deviation).powi(2)).0.min(most))
+    };
+    let inside: f64 = problem.free.iter().filter_map(inside).sum();
+    Confined { state, cost: after - before + elsewhere + inside }
 }
 
 impl Side {
     /// Adds that the contact is on the other side of the face; what it costs.
     fn add<const D: usize>(&self, arrow: &mut Arrow<D>, problem: &Problem, state: &State) -> f64 {
-        let felt = &problem.felt[self.contact];
-        let bare = Contact { normal: None, ..felt.contact };
-        let (pose, face) = (&state.poses[felt.grasp], &state.faces[self.face]);
+        let Felt { grasp, contact } = self.felt;
+        let bare = Contact { normal: None, ..contact };
+        let (pose, face) = (&state.poses[grasp], &state.faces[self.face]);
         let touch = factors::touch(pose, face, problem.dimension, &bare);
         if self.sign * touch.residual[0] <= 0.0 {
             return 0.0;
         }
         let (cost, weight) = problem.kernel.cost(touch.residual[0].powi(2));
         let root = weight.sqrt();
-        arrow.add_touch(felt.grasp, &(touch.residual * root), &(touch.by_pose * root), &[]);
+        arrow.add_touch(grasp, &(touch.residual * root), &(touch.by_pose * root), &[]);
         cost
     }
 }
@@ -118,24 +127,44 @@ fn closed(problem: &Problem, state: &State, labels: &Labels, planes: &[Plane]) -
 }
 
 /// Which contacts lie beyond the ends of their faces, and of which others.
-fn beyond(problem: &Problem, state: &State, labels: &Labels, shape: &Polytope) -> Vec<Side> {
-    let mut sides = Vec::new();
-    for (contact, label) in labels.iter().enumerate() {
-        let Some(Owner::Face(own)) = label else { continue };
+fn beyond(
+    problem: &Problem,
+    state: &State,
+    labels: &Labels,
+    shape: &Polytope,
+) -> impl Iterator<Item = Side> {
+    labels.iter().enumerate().filter_map(|(contact, label)| {
+        let Some(Owner::Face(own)) = label else { return None };
         let felt = problem.placed(&state.poses, contact);
-        let Some((_, end, distance)) = shape.nearest(&felt.point, Some(*own)) else { continue };
+        let (_, end, distance) = shape.nearest(&felt.point, Some(*own))?;
         let off = state.faces[*own].value(&felt.point);
         if distance * distance - off * off < (LEAST * felt.point_deviation).powi(2) {
-            continue;
+            return None;
         }
         let ends = |(_, face): &(usize, &Face)| face.value(&end).abs() < ON;
         let others = state.faces.iter().enumerate().filter(|(face, _)| face != own).filter(ends);
         let values = others.map(|(face, plane)| (face, plane.value(&felt.point)));
         // Of a corner's faces the one that the contact is outside of, if it is outside of any.
-        let Some((face, value)) = values.max_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
-        sides.push(Side { contact, face, sign: value.signum() });
-    }
-    sides
+        let (face, value) = values.max_by(|a, b| a.1.total_cmp(&b.1))?;
+        Some(Side { felt: problem.felt[contact], face, sign: value.signum() })
+    })
+}
+
+/// Which fingertips that touched nothing lie within the object, and below which faces.
+fn within(problem: &Problem, state: &State, shape: &Polytope) -> impl Iterator<Item = Side> {
+    problem.free.iter().filter_map(|felt| {
+        let (face, depth) = depth(felt, state, shape)?;
+        let counts = depth > LEAST * felt.contact.point_deviation && face < state.faces.len();
+        counts.then_some(Side { felt: *felt, face, sign: -1.0 })
+    })
+}
+
+/// How deep in the object a fingertip lies (metres), and below which of its planes; `None` outside.
+fn depth(felt: &Felt, state: &State, shape: &Polytope) -> Option<(usize, f64)> {
+    let placed = felt.contact.transformed(&state.poses.get(felt.grasp)?.inverse());
+    let inside = shape.values(&[placed.point]).first().is_some_and(|value| *value < 0.0);
+    let (plane, _, depth) = shape.nearest(&placed.point, None).filter(|_| inside)?;
+    Some((plane, depth))
 }
 
 #[cfg(test)]

@@ -194,7 +194,8 @@ where
         .par_iter()
         .filter(|(best, _)| !best.state.faces.is_empty())
         .filter_map(|(best, others)| corrected(problem, best, others, steps));
-    found.min_by(|a, b| a.cost.total_cmp(&b.cost))
+    let found: Vec<Corrected> = found.collect();
+    found.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
 }
 
 /// What comes of every trajectory and of one of the graph's own, with others that may be meant where it is

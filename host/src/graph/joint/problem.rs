@@ -3,7 +3,7 @@
 use crate::log::GraspLog;
 use crate::reference::Contact;
 use crate::reference::faces::Owner;
-use crate::slam::{deviations, track};
+use crate::slam::{deviations, track, usual_deviations};
 use crate::space::{Point, Pose};
 
 use super::factors::Kernel;
@@ -47,6 +47,8 @@ pub struct Problem {
     pub felt: Vec<Felt>,
     /// Where in [`Problem::felt`] each grasp begins, and the end.
     pub starts: Vec<usize>,
+    /// Fingertips that touched nothing, as contacts without normals.
+    pub free: Vec<Felt>,
     /// Before each grasp; the first is not used.
     pub motions: Vec<Motion>,
     /// The range in which a face's offset may lie, metres.
@@ -81,8 +83,13 @@ impl Problem {
     pub fn new(log: &GraspLog) -> Problem {
         let noise = track::settings(log, 0).motion;
         let usual = [f64::from(noise.translation), f64::from(noise.rotation)];
-        let (mut felt, mut starts) = (Vec::new(), vec![0]);
+        let (point_deviation, normal_deviation) = usual_deviations(&log.noise);
+        let (mut felt, mut free, mut starts) = (Vec::new(), Vec::new(), vec![0]);
         for (grasp, logged) in log.grasps.iter().enumerate() {
+            for point in logged.free.iter().map(|f| f.point) {
+                let contact = Contact { point, normal: None, point_deviation, normal_deviation };
+                free.extend(contact.checked().map(|contact| Felt { grasp, contact }));
+            }
             for c in &logged.contacts {
                 let (point_deviation, normal_deviation) = deviations(c, &log.noise);
                 let contact =
@@ -99,6 +106,7 @@ impl Problem {
             dimension: log.dimension,
             felt,
             starts,
+            free,
             motions: log.grasps.iter().map(|g| motion(g.motion)).collect(),
             extent: LEAST_EXTENT,
             weight: 1.0,
@@ -123,7 +131,9 @@ impl Problem {
             motion.pose = motion.pose.inverse();
         }
         motions.rotate_right(1);
-        Problem { felt, starts, motions, ..self.clone() }
+        let last = self.grasps().saturating_sub(1);
+        let free = self.free.iter().map(|f| Felt { grasp: last - f.grasp, ..*f }).collect();
+        Problem { felt, starts, free, motions, ..self.clone() }
     }
 
     /// How many grasps.

@@ -47,6 +47,7 @@ impl Scene {
                 dimension,
                 felt: touched.iter().map(felt).collect(),
                 starts: vec![0, first, touched.len()],
+                free: Vec::new(),
                 motions: vec![motion(Pose::identity()), motion(at)],
                 extent: 0.1,
                 weight: 1.0,
@@ -200,6 +201,33 @@ fn beyond_a_pointed_corner_contacts_are_held_where_they_are_outside() {
     for p in scene.second(&state) {
         assert!(scene.state.faces.iter().all(|face| face.value(&p) < 1e-3), "{p}");
     }
+}
+
+#[test]
+fn fingers_that_touched_nothing_are_held_out_of_the_object() {
+    let mut scene = Scene::new(&RECTANGLE, &[(0, 0.45), (0, 0.6), (2, 0.5)], shifted(0.0, 0.0));
+    let free = |grasp: usize, x: f64| {
+        let contact = Contact { normal: None, ..scene.problem.felt[0].contact };
+        Felt { grasp, contact: Contact { point: Point::new(x, 0.005, 0.0), ..contact } }
+    };
+    let [outside, inside] = [free(1, 0.06), free(1, 0.035)];
+    scene.problem.free = vec![outside];
+    let untouched = scene.confined();
+    assert_eq!((untouched.state, untouched.cost), (scene.state.clone(), 0.0));
+    // 15 mm within the right side, and the motion says little.
+    scene.problem.free = vec![outside, inside];
+    let Confined { state, cost } = scene.confined();
+    let placed = inside.contact.transformed(&state.poses[1].inverse()).point;
+    assert!(placed.x > 0.0495 && placed.x < 0.0505, "{placed}");
+    assert!(scene.second(&state).iter().all(|p| (p.y.abs() - 0.03).abs() < 5e-4));
+    assert!(cost > 0.2 && cost < 1.0, "{cost}");
+    // The first pose defines the frame: nothing gives way, and the finger counts as one wild contact.
+    scene.problem.free = vec![free(0, 0.035)];
+    let Confined { state, cost } = scene.confined();
+    let contact = &scene.problem.free[0].contact;
+    let most = scene.problem.unexplained(contact) - scene.problem.exact(contact);
+    assert_eq!(state, scene.state);
+    assert!((cost - most).abs() < 1e-9, "{cost} {most}");
 }
 
 #[test]
