@@ -82,24 +82,28 @@ pub(super) fn confined<const D: usize>(
     }
     let centre = problem.middle(&state.poses);
     let after = linearise::<D>(problem, &state, labels, &centre).0;
-    let elsewhere = |(contact, label): (usize, &Option<Owner>)| {
+    let left = elsewhere(problem, &state, labels, shape.as_ref());
+    Confined { state, cost: after - before + left }
+}
+
+/// What contacts cost that lie off the surface of their faces, and free fingers within: each at most what
+/// an unexplained contact does.
+fn elsewhere(problem: &Problem, state: &State, labels: &Labels, shape: Option<&Polytope>) -> f64 {
+    let cost = |contact: &Contact, squared: f64| {
+        let most = problem.unexplained(contact) - problem.exact(contact);
+        problem.kernel.cost(squared / contact.point_deviation.powi(2)).0.min(most)
+    };
+    let beyond = |(contact, label): (usize, &Option<Owner>)| {
         let Some(Owner::Face(own)) = label else { return 0.0 };
         let felt = problem.placed(&state.poses, contact);
-        let most = problem.unexplained(&felt) - problem.exact(&felt);
-        let nearest = shape.as_ref().and_then(|s| s.nearest(&felt.point, Some(*own)));
-        let Some((.., distance)) = nearest else { return most };
+        let nearest = shape.and_then(|shape| shape.nearest(&felt.point, Some(*own)));
         let off = state.faces[*own].value(&felt.point);
-        let along = (distance * distance - off * off).max(0.0);
-        problem.kernel.cost(along / felt.point_deviation.powi(2)).0.min(most)
+        let along = nearest.map_or(f64::INFINITY, |(.., distance)| distance.powi(2) - off.powi(2));
+        cost(&felt, along.max(0.0))
     };
-    let elsewhere: f64 = labels.iter().enumerate().map(elsewhere).sum();
-    let inside = |felt: &Felt| {
-        let most = problem.unexplained(&felt.contact) - problem.exact(&felt.contact);
-        let (_, depth) = depth(felt, &state, shape.as_ref()?)?;
-        Some(problem.kernel.cost((depth / felt.contact.point_deviation).powi(2)).0.min(most))
-    };
-    let inside: f64 = problem.free.iter().filter_map(inside).sum();
-    Confined { state, cost: after - before + elsewhere + inside }
+    let within = |felt: &Felt| Some(cost(&felt.contact, depth(felt, state, shape?)?.1.powi(2)));
+    labels.iter().enumerate().map(beyond).sum::<f64>()
+        + problem.free.iter().filter_map(within).sum::<f64>()
 }
 
 impl Side {
