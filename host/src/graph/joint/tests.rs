@@ -10,7 +10,7 @@ use super::relation::Relation;
 use super::solve::{linearise, solve};
 use super::tangent::{Tangent, axes, local, retract};
 use crate::graph::Kind;
-use crate::log::GraspLog;
+use crate::log::{GraspLog, LoggedContact, LoggedFree};
 use crate::quantity::Deviation;
 use crate::reference::faces::Owner;
 use crate::shape::Geometry;
@@ -222,6 +222,51 @@ fn unknown_motions_are_no_evidence() {
     for k in [2, 3, 5, 6] {
         assert!(doubt(&corrected, k) < 0.01 && doubt(&corrected, k) > doubt(&known, k));
     }
+}
+
+#[test]
+fn a_grasp_slides_no_farther_than_its_sides() {
+    let mut log = exact("rectangle:0.10x0.06", 10);
+    log.noise.translation = Some(0.02);
+    let truth = track::truth(&log).unwrap();
+    // The fifth grasp felt the long sides only, and is said to have slid along them by 70 mm.
+    let (before, there, after) = (truth[3].pose, truth[4].pose, truth[5].pose);
+    let slid = there * Pose::translation(0.07, 0.0, 0.0);
+    let mut felt = log.grasps[4].contacts[..3].to_vec();
+    for (contact, [x, side]) in felt.iter_mut().zip([[-0.01, 1.0], [0.012, 1.0], [0.0, -1.0]]) {
+        contact.point = (there * nalgebra::Point3::new(x, 0.03 * side, 0.0)).coords;
+        contact.normal = Some(there.rotation * Point::y() * side);
+    }
+    log.grasps[4].contacts = felt;
+    log.grasps[4].motion = Some(slid * before.inverse());
+    log.grasps[5].motion = Some(after * slid.inverse());
+    let mut steps = truth.clone();
+    steps[4].pose = slid;
+    let corrected = planes(&log, &[&steps], PLAIN).unwrap();
+    let placed = |steps: &[Step]| {
+        let inverse = steps[4].pose.inverse();
+        let place = move |c: &LoggedContact| (inverse * nalgebra::Point3::from(c.point)).coords;
+        log.grasps[4].contacts.iter().map(place).collect::<Vec<_>>()
+    };
+    assert!(placed(&steps).iter().all(|p| p.x < -0.057));
+    let held = placed(&corrected.steps);
+    assert!(held.iter().all(|p| p.x > -0.051 && (p.y.abs() - 0.03).abs() < 5e-4), "{held:?}");
+    assert!(held.iter().any(|p| p.x < -0.049), "{held:?}");
+}
+
+#[test]
+fn free_fingertips_keep_their_grasp() {
+    let mut log = exact("rectangle:0.10x0.06", 4);
+    let at = |x: f64| LoggedFree { point: Point::new(x, 0.1, 0.0), ..Default::default() };
+    log.grasps[1].free = vec![at(0.2), at(f64::NAN)];
+    log.grasps[3].free = vec![at(0.3)];
+    let problem = Problem::new(&log);
+    let free = |problem: &Problem| -> Vec<(usize, f64)> {
+        problem.free.iter().map(|f| (f.grasp, f.contact.point.x)).collect()
+    };
+    assert_eq!(free(&problem), [(1, 0.2), (3, 0.3)]);
+    assert!(problem.free.iter().all(|f| f.contact.normal.is_none()));
+    assert_eq!(free(&problem.reversed()), [(2, 0.2), (0, 0.3)]);
 }
 
 #[test]
