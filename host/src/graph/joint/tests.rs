@@ -270,6 +270,20 @@ fn free_fingertips_keep_their_grasp() {
 }
 
 #[test]
+fn what_contradicts_the_shape_is_part_of_the_cost() {
+    let mut log = exact("rectangle:0.10x0.06", 10);
+    let sound = from_truth(&log);
+    // In the first grasp, whose pose cannot give way, a fingertip that felt nothing, amid the object.
+    let inside = log.grasps[0].truth.unwrap() * nalgebra::Point3::new(0.01, 0.0, 0.0);
+    log.grasps[0].free = vec![LoggedFree { point: inside.coords, ..Default::default() }];
+    let (odd, problem) = (from_truth(&log), Problem::new(&log));
+    let wild =
+        problem.unexplained(&problem.free[0].contact) - problem.exact(&problem.free[0].contact);
+    assert_eq!(odd.steps, sound.steps);
+    assert!((odd.cost - sound.cost - wild).abs() < 1e-6, "{} {} {wild}", odd.cost, sound.cost);
+}
+
+#[test]
 fn grasps_that_felt_nothing_are_bridged() {
     let mut log = exact("triangle:0.06", 8);
     log.grasps[3].contacts.clear();
