@@ -8,7 +8,8 @@
 //! costs, and what still lies elsewhere, tells sound sets of faces from those whose contacts hang in the
 //! air.
 //!
-//! The faces stay where they are: an inequality pushes one way, and would make objects grow.
+//! The faces stay where they are: an inequality pushes one way, and would make objects grow. So do the
+//! covariances, as if faces were endless: of a pose that is held back that is rather too much doubt.
 
 use super::arrow::Arrow;
 use super::factors;

@@ -10,14 +10,14 @@
 //! finds, to which [`size`] belongs. [`explain`] and [`alias`] decide which contact lies on which face
 //! and at which of several look-alike poses a grasp was made, [`retrack`] builds a trajectory of its
 //! own, [`regular`](mod@regular) gives faces an order by [`relation`]s such as parallel and square, and
-//! [`average`] takes the mean where it is open which hold. [`confine`] keeps contacts where faces are
+//! [`average`] takes the mean where it is open which hold. `confine` keeps contacts where faces are
 //! surface, and fingers that touched nothing outside. [`surface`] does for curved objects what faces do
 //! for flat ones, from the tracker's trajectory or those that [`round`] finds.
 
 pub mod alias;
 pub mod arrow;
 pub mod average;
-pub mod confine;
+mod confine;
 pub mod explain;
 pub mod factors;
 pub mod planes;

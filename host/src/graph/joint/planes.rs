@@ -61,7 +61,8 @@ impl Plane {
 #[derive(Clone, Debug)]
 pub struct Corrected {
     /// The steps with corrected poses and their marginal covariances, all else as it was. The first
-    /// pose is as it was and without doubt: it defines the object frame.
+    /// pose is as it was and without doubt: it defines the object frame. Where a face ends holds a pose
+    /// back, but its covariance is that of endless faces: rather too large.
     pub steps: Vec<Step>,
     /// Covariance of each pose if the faces were known, in the same axes: how uncertain a contact is
     /// with respect to the others, where the marginal one also holds how uncertain all of them are
