@@ -6,7 +6,9 @@ mod products;
 use heapless::Vec;
 
 use crate::math;
-use products::{TOGETHER, four_products, one_product, products};
+use products::{
+    IN_PAIRS, TOGETHER, add_products, four_products, one_product, pair_of_products, products,
+};
 
 /// Numbers in the packed lower triangle of a matrix of `rows` rows: the third const argument of
 /// [`Gpis`](super::Gpis).
@@ -303,49 +305,43 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
         if n == 0 {
             return;
         }
+        let diagonal = &self.inverse_diagonal[first..];
         let mut rest = &self.lower[start(first)..];
         let mut row = rest;
-        for i in (0..n).step_by(TOGETHER) {
+        let mut i = 0;
+        while i < n {
             let (done, todo) = x[..n].split_at_mut(i);
             if let [here] = todo {
-                let (row, scale) = (&rest[first..][..i], self.inverse_diagonal[first + i]);
-                let sums = one_product(row, done);
+                let sums = one_product(&rest[first..][..i], done);
                 for c in 0..C {
-                    here[c] = (here[c] - sums[c]) * scale;
+                    here[c] = (here[c] - sums[c]) * diagonal[i];
                 }
                 return;
             }
             // Past the last row the last again.
-            let rows: [&[f32]; TOGETHER] = core::array::from_fn(|r| {
-                if i + r < n {
-                    (row, rest) = rest.split_at(first + i + r + 1);
-                }
-                &row[first..]
-            });
-            let sums = products(rows.map(|row| &row[..i]), done);
-            let diagonal = &self.inverse_diagonal[first + i..];
-            if let ([x0, x1, x2, x3, ..], [d0, d1, d2, d3, ..]) = (&mut *todo, diagonal) {
-                let [_, l1, l2, l3] = rows.map(|row| &row[i..]);
-                let (l1, l2, l3) = (l1[0], [l2[0], l2[1]], [l3[0], l3[1], l3[2]]);
-                for c in 0..C {
-                    let y0 = (x0[c] - sums[0][c]) * d0;
-                    let y1 = (x1[c] - sums[1][c] - l1 * y0) * d1;
-                    let y2 = (x2[c] - sums[2][c] - l2[0] * y0 - l2[1] * y1) * d2;
-                    let y3 = x3[c] - sums[3][c] - l3[0] * y0 - l3[1] * y1 - l3[2] * y2;
-                    (x0[c], x1[c], x2[c], x3[c]) = (y0, y1, y2, y3 * d3);
-                }
+            let mut next = |i: usize| -> [&[f32]; TOGETHER] {
+                core::array::from_fn(|r| {
+                    if i + r < n {
+                        (row, rest) = rest.split_at(first + i + r + 1);
+                    }
+                    &row[first..]
+                })
+            };
+            let rows = next(i);
+            if !IN_PAIRS || todo.len() < 2 * TOGETHER {
+                let sums = products(rows.map(|row| &row[..i]), done);
+                solve(rows.map(|row| &row[i..]), sums, &diagonal[i..], todo);
+                i += TOGETHER;
                 continue;
             }
-            for r in 0..todo.len() {
-                let (before, here) = todo.split_at_mut(r);
-                for c in 0..C {
-                    let mut rest = here[0][c] - sums[r][c];
-                    for (l, x) in rows[r][i..i + r].iter().zip(&*before) {
-                        rest -= l * x[c];
-                    }
-                    here[0][c] = rest * diagonal[r];
-                }
-            }
+            let j = i + TOGETHER;
+            let others = next(j);
+            let [sums, mut further] = pair_of_products([rows, others], done);
+            let (here, there) = todo.split_at_mut(TOGETHER);
+            solve(rows.map(|row| &row[i..]), sums, &diagonal[i..], here);
+            add_products(others.map(|row| &row[i..j]), here, &mut further);
+            solve(others.map(|row| &row[j..]), further, &diagonal[j..], there);
+            i = j + TOGETHER;
         }
     }
 
@@ -377,6 +373,39 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
 impl<const ROWS: usize, const PACKED: usize> Default for Cholesky<ROWS, PACKED> {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+/// x ← L⁻¹ x for the rows at the head of `x`, at most four, of which `rows` hold the columns from their own
+/// on; what all columns before make of them are the `sums`.
+#[inline(always)]
+fn solve<const C: usize>(
+    rows: [&[f32]; TOGETHER],
+    sums: [[f32; C]; TOGETHER],
+    diagonal: &[f32],
+    x: &mut [[f32; C]],
+) {
+    if let ([x0, x1, x2, x3, ..], [d0, d1, d2, d3, ..]) = (&mut *x, diagonal) {
+        let [_, l1, l2, l3] = rows;
+        let (l1, l2, l3) = (l1[0], [l2[0], l2[1]], [l3[0], l3[1], l3[2]]);
+        for c in 0..C {
+            let y0 = (x0[c] - sums[0][c]) * d0;
+            let y1 = (x1[c] - sums[1][c] - l1 * y0) * d1;
+            let y2 = (x2[c] - sums[2][c] - l2[0] * y0 - l2[1] * y1) * d2;
+            let y3 = x3[c] - sums[3][c] - l3[0] * y0 - l3[1] * y1 - l3[2] * y2;
+            (x0[c], x1[c], x2[c], x3[c]) = (y0, y1, y2, y3 * d3);
+        }
+        return;
+    }
+    for r in 0..x.len().min(TOGETHER) {
+        let (before, here) = x.split_at_mut(r);
+        for c in 0..C {
+            let mut rest = here[0][c] - sums[r][c];
+            for (l, x) in rows[r].iter().zip(&*before) {
+                rest -= l * x[c];
+            }
+            here[0][c] = rest * diagonal[r];
+        }
     }
 }
 

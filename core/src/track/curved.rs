@@ -12,9 +12,13 @@
 //! 2. *Judge*: every proposal's grasp is appended to the hypothesis' model, whose log density, correlations
 //!    through surface and motion included, is its weight.
 //! 3. *Smooth*: all remembered poses move to their posterior mean, so that what was placed wrongly in the
-//!    beginning, when a ball was all that was known, is repaired later; contacts that the others
+//!    beginning, when a ball was all that was known, is repaired later.
+//! 4. *Choose*: equal trajectories are one, improbable ones go, a few stay. Contacts that the others
 //!    contradict lose trust.
-//! 4. *Choose*: equal trajectories are one, improbable ones go, a few stay.
+//!
+//! Every grasp stays linear about where it was proposed. To make all of them linear anew about the smoothed
+//! poses (Kaess et al. 2012, "iSAM2") was tried: on ellipses and ellipsoids it gained nothing, and where an
+//! object slides under the fingers, as a cylinder does about its axis, it went back and forth by 0.2 rad.
 //!
 //! When memory is full the oldest grasp is settled: its contacts go to the map for good where the best
 //! hypothesis has them, and the map's own policy bounds what they take.
@@ -59,8 +63,8 @@ pub struct Settings {
     pub unknown: MotionNoise,
     /// Hypotheses this many nats below the best are dropped.
     pub prune: f32,
-    /// Rounds of smoothing per grasp.
-    pub rounds: u8,
+    /// After each grasp, how many times sixteen contacts are compared with what the others say, in turn.
+    pub parts: u8,
 }
 
 impl Settings {
@@ -69,7 +73,7 @@ impl Settings {
         motion: MotionNoise::THESIS,
         unknown: MotionNoise { translation: 0.05, rotation: 1.0 },
         prune: 10.0,
-        rounds: 3,
+        parts: 3,
     };
 }
 
@@ -91,6 +95,8 @@ pub struct Curved<
     children: [Hypothesis<S, GRASPS, CONTACTS>; HYPOTHESES],
     count: usize,
     born: usize,
+    /// [`Hypothesis::number`] of the one that the map is brought to; zero while it is none whole.
+    laid: u16,
     trajectory: Trajectory<S, GRASPS, CONTACTS, ROWS>,
     /// Zero until the first use, so that a new tracker is all zero bits.
     settings: Settings,
@@ -138,12 +144,13 @@ impl<
             children: [const { Hypothesis::UNSET }; HYPOTHESES],
             count: 0,
             born: 0,
+            laid: 0,
             trajectory: Trajectory::new(),
             settings: Settings {
                 motion: MotionNoise { translation: 0.0, rotation: 0.0 },
                 unknown: MotionNoise { translation: 0.0, rotation: 0.0 },
                 prune: 0.0,
-                rounds: 0,
+                parts: 0,
             },
             configured: false,
             pending: Move { motion: S::Pose::UNSET, drift: Drift::NONE },
@@ -207,6 +214,7 @@ impl<
         let pose = S::Pose::from_translation(centroid);
         (first.poses[0], first.about[0], first.base) = (pose, pose, pose);
         (first.covariance, first.evidence, first.weight) = (S::Covariance::ZERO, 0.0, 1.0);
+        first.number = 1;
         for (belief, touch) in first.beliefs.iter_mut().zip(self.memory.touches()) {
             // Nothing depends on it: this pose has no error.
             let gradient = touch.direction().unwrap_or(S::Vector::ZERO);
@@ -222,10 +230,19 @@ impl<
     /// Brings the map to a hypothesis.
     fn lay(&mut self, index: usize) {
         self.lay_part(index, self.memory.grasps().len());
+        self.laid = self.hypotheses[index].number;
+    }
+
+    /// Brings the map to the best hypothesis, where it is not.
+    fn lay_best(&mut self) {
+        if self.laid == 0 || self.hypotheses[0].number != self.laid {
+            self.lay(0);
+        }
     }
 
     /// Its first grasps only.
     fn lay_part(&mut self, index: usize, grasps: usize) {
+        self.laid = 0;
         let base = self.base();
         let hypothesis = &self.hypotheses[index];
         let memory = &self.memory;
@@ -256,6 +273,7 @@ impl<
 
     /// Takes back its grasps from this one on.
     fn lift(&mut self, grasp: usize) {
+        self.laid = 0;
         self.trajectory.withdraw(&mut self.map, self.settled, &self.memory, grasp);
         self.map.refit();
     }

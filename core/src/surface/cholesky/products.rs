@@ -8,6 +8,45 @@
 /// Rows worked on together, so that each number of the right-hand side is loaded once for all of them.
 pub(super) const TOGETHER: usize = 4;
 
+/// Whether a host takes two blocks of rows at once: it has registers for eight rows, and time for them while a
+/// sum waits for the one before.
+pub(super) const IN_PAIRS: bool = !cfg!(target_arch = "arm");
+
+/// Σ lₖ xₖ over the columns of `x` for each row of two blocks, the bits of [`products`].
+#[inline(always)]
+pub(super) fn pair_of_products<const C: usize>(
+    [a, b]: [[&[f32]; TOGETHER]; 2],
+    x: &[[f32; C]],
+) -> [[[f32; C]; TOGETHER]; 2] {
+    let (a, b) = (a.map(|row| &row[..x.len()]), b.map(|row| &row[..x.len()]));
+    let mut sums = [[[0.0f32; C]; TOGETHER]; 2];
+    for (k, x) in x.iter().enumerate() {
+        for r in 0..TOGETHER {
+            for c in 0..C {
+                sums[0][r][c] += a[r][k] * x[c];
+                sums[1][r][c] += b[r][k] * x[c];
+            }
+        }
+    }
+    sums
+}
+
+/// Goes on with the sums of [`products`] over columns that follow.
+#[inline(always)]
+pub(super) fn add_products<const C: usize>(
+    rows: [&[f32]; TOGETHER],
+    x: &[[f32; C]],
+    sums: &mut [[f32; C]; TOGETHER],
+) {
+    for (row, sums) in rows.iter().zip(sums) {
+        for (l, x) in row.iter().zip(x) {
+            for c in 0..C {
+                sums[c] += l * x[c];
+            }
+        }
+    }
+}
+
 /// Σ lₖ xₖ for each row and each side; rows and `x` are equally long, a multiple of four.
 #[inline(always)]
 pub(super) fn products<const C: usize>(

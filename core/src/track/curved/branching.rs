@@ -29,11 +29,12 @@ impl<
         self.born = 0;
         let Some(new) = self.memory.grasps().len().checked_sub(1) else { return 0.0 };
         let Some(last) = new.checked_sub(1) else { return 0.0 };
-        let mut density = f32::NEG_INFINITY;
+        let (mut density, mut number) = (f32::NEG_INFINITY, 0);
         for parent in 0..self.count {
             // The first is laid already.
             if parent > 0 {
                 self.lay_part(parent, new);
+                self.review(parent, new);
             }
             let prediction = self.predict(&self.hypotheses[parent], last);
             let touches = self.memory.grasps()[new].touches();
@@ -46,11 +47,13 @@ impl<
             };
             let Some(candidates) = scene.propose() else { continue };
             let best = candidates.as_slice().first().map_or(0.0, |c| c.score);
-            for candidate in candidates.as_slice() {
-                if candidate.score < best - HOPELESS {
-                    break;
+            let hopeful = |c: &&Candidate<S>| c.score >= best - HOPELESS;
+            for (rank, candidate) in candidates.as_slice().iter().take_while(hopeful).enumerate() {
+                if rank > 0 {
+                    self.lift(new);
                 }
-                let fit = self.bear(parent, new, candidate);
+                number += 1;
+                let fit = self.bear(parent, new, candidate, number);
                 let weight = math::ln(self.hypotheses[parent].weight);
                 density = log_sum(density, weight + fit);
             }
@@ -71,9 +74,9 @@ impl<
         if count > 0.0 { sum * (1.0 / count) } else { S::Vector::ZERO }
     }
 
-    /// Makes the child of a parent (which is laid) that has the new grasp at the candidate; the log density
-    /// of the grasp there, as [`Evidence`] has it.
-    fn bear(&mut self, parent: usize, new: usize, candidate: &Candidate<S>) -> f32 {
+    /// Makes the child of a parent (which is laid) that has the new grasp at the candidate, and leaves it
+    /// laid; the log density of the grasp there, as [`Evidence`](crate::track::automatic::Evidence) has it.
+    fn bear(&mut self, parent: usize, new: usize, candidate: &Candidate<S>, number: u16) -> f32 {
         let contacts = self.memory.grasps()[new].touches();
         let rows = self.map.rows();
         self.hypotheses[parent].about[new] = candidate.pose;
@@ -81,6 +84,7 @@ impl<
             let contact = self.memory.touches()[index].seen_from(&candidate.pose);
             self.hypotheses[parent].beliefs[index] = Belief::new(self.map.bend(contact.point));
         }
+        let mut unmeasured = self.unmeasured(parent, new);
         self.lay_next(parent, new);
         let mut gained = self.map.log_density_since(rows);
         self.map.refit();
@@ -88,28 +92,35 @@ impl<
         if self.trajectory.doubt(&self.map, self.settled, memory, hypothesis, contacts.clone()) {
             let price = hypothesis.price(contacts);
             self.lift(new);
+            unmeasured = self.unmeasured(parent, new);
             self.lay_next(parent, new);
             gained = self.map.log_density_since(rows) + price;
             self.map.refit();
         }
+        self.laid = number;
         let evidence = self.hypotheses[parent].evidence + gained;
         if evidence.is_finite()
             && let Some(slot) = self.cradle(evidence)
         {
             self.children[slot] = self.hypotheses[parent];
             let child = &mut self.children[slot];
-            (child.evidence, child.parent) = (evidence, parent as u16);
+            (child.evidence, child.number) = (evidence, number);
             self.trajectory.settle(&self.map, self.settled, &self.memory, child);
             child.covariance = self.trajectory.covariance(&self.map, self.settled);
         }
-        self.lift(new);
-        let contacts = self.memory.grasps()[new].touches();
-        let (touches, beliefs) = (self.memory.touches(), &self.hypotheses[parent].beliefs);
-        let unmeasured = |index: usize| {
-            let touch = scaled(&touches[index], &beliefs[index]);
-            steepness::<S>(&self.map, &touch.seen_from(&candidate.pose))
+        gained - unmeasured
+    }
+
+    /// What the model's density of a hypothesis' new grasp will say beyond distances and angles; the grasps
+    /// before are laid.
+    fn unmeasured(&self, index: usize, new: usize) -> f32 {
+        let hypothesis = &self.hypotheses[index];
+        let touches = self.memory.grasps()[new].touches();
+        let part = |index: usize| {
+            let touch = scaled(&self.memory.touches()[index], &hypothesis.beliefs[index]);
+            steepness::<S>(&self.map, &touch.seen_from(&hypothesis.about[new]))
         };
-        gained - contacts.map(unmeasured).sum::<f32>()
+        touches.map(part).sum()
     }
 
     /// The place for a child of this evidence: a free one, or that of the worst if it is worse.

@@ -134,6 +134,16 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize> Memory<S, GRASPS, CON
         &self.touches[..self.touched]
     }
 
+    /// The touches of one grasp.
+    pub fn touches_in(&self, grasp: usize) -> &[Touch<S>] {
+        self.grasps().get(grasp).map_or(&[], |grasp| &self.touches[grasp.touches()])
+    }
+
+    /// How many contacts the first `grasps` grasps have.
+    pub fn touches_of(&self, grasps: usize) -> usize {
+        self.grasps()[..grasps.min(self.count)].last().map_or(0, |grasp| grasp.touches().end)
+    }
+
     /// Whether a grasp of this many contacts finds room.
     pub fn has_room(&self, contacts: usize) -> bool {
         self.count < GRASPS && self.touched + contacts <= CONTACTS

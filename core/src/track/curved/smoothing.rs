@@ -1,14 +1,10 @@
-//! Trajectories that all their grasps agree on: poses move to their posterior mean, and the surface's
-//! amplitude to what suits the contacts.
+//! What all grasps say of those before: how far contacts are to be trusted, where poses are then most
+//! likely, and how far the surface departs from the prior mean.
 
 use super::Curved;
 use crate::math;
 use crate::space::Space;
 use crate::surface::Revisable;
-
-/// Poses that lie within this of where everything was made linear (in millimetres and hundredths of a
-/// radian) leave it so.
-const STILL: f32 = 1.0;
 
 /// Factor on the kernel's amplitude in the beginning, and what its logarithm usually departs from that.
 pub(super) const USUAL_ROUGHNESS: f32 = 0.5;
@@ -20,7 +16,7 @@ const ROUGHNESS_STEP: f32 = 1.4;
 /// Fewer contacts say nothing about the amplitude.
 const LEAST_CONTACTS: usize = 8;
 
-/// Contacts whose fit is looked at again in one round, at most.
+/// Contacts looked at again in one round, at most.
 pub(super) const DOUBTED: usize = 16;
 
 impl<
@@ -32,29 +28,18 @@ impl<
     const ROWS: usize,
 > Curved<S, M, HYPOTHESES, GRASPS, CONTACTS, ROWS>
 {
-    /// Children become hypotheses: smoothed, weighed, sorted, without copies and the improbable.
+    /// Children become hypotheses: weighed, sorted, without copies and the improbable. The map is brought to
+    /// the best.
     pub(super) fn grow(&mut self) {
-        let laid = self.count.saturating_sub(1);
         core::mem::swap(&mut self.hypotheses, &mut self.children);
         self.count = self.born;
         self.choose();
-        if self.count == 1 && usize::from(self.hypotheses[0].parent) == laid {
-            // Its parent is laid still.
-            self.lay_next(0, self.memory.grasps().len().saturating_sub(1));
-            self.map.refit();
-            self.smooth(0);
-            self.temper();
-            return;
-        }
-        for index in (0..self.count).rev() {
-            self.lay(index);
-            self.smooth(index);
-        }
-        self.choose();
-        if self.count > 1 {
-            self.lay(0);
-        }
+        self.lay_best();
+        self.review(0, self.memory.grasps().len());
         self.temper();
+        self.order();
+        self.weigh();
+        self.lay_best();
     }
 
     /// How far the object departs from the prior mean is learnt too: a step up or down in amplitude is kept
@@ -71,7 +56,7 @@ impl<
         let trial = self.roughness * step;
         self.map.roughen(trial);
         self.lay(0);
-        let likelihood = self.map.log_density_since(0) + self.hypotheses[0].price(0..contacts);
+        let likelihood = self.evidence_of(0, grasps);
         if !(likelihood + usual(trial) > known) {
             self.rougher = !self.rougher;
             self.map.roughen(self.roughness);
@@ -80,41 +65,45 @@ impl<
         }
         self.roughness = trial;
         for index in (0..self.count).rev() {
-            self.lay(index);
-            self.smooth(index);
-        }
-        self.order();
-        self.weigh();
-        if self.count > 1 {
-            self.lay(0);
+            if index > 0 || self.count > 1 {
+                self.lay(index);
+            }
+            self.renew(index, grasps);
         }
     }
 
-    /// Rounds of smoothing of a hypothesis that is laid, and is still afterwards: poses move, and where they
-    /// move far everything is made linear anew (Kaess et al. 2012, "iSAM2").
-    fn smooth(&mut self, index: usize) {
-        let settled = self.settled;
-        for round in 0..=self.settings.rounds {
-            let hypothesis = &mut self.hypotheses[index];
-            let far = self.trajectory.settle(&self.map, settled, &self.memory, hypothesis);
-            if round == self.settings.rounds || far < STILL {
-                break;
-            }
-            let turn = self.grasps as usize + usize::from(round);
-            let again = doubted(self.memory.touches().len(), turn);
-            let hypothesis = &mut self.hypotheses[index];
-            self.trajectory.doubt(&self.map, settled, &self.memory, hypothesis, again);
-            self.trajectory.relinearise(&self.map, &self.memory, hypothesis);
-            self.lay(index);
+    /// Looks again at what is thought of some contacts of the first `grasps` grasps of a hypothesis, which
+    /// are laid, and are still afterwards.
+    pub(super) fn review(&mut self, index: usize, grasps: usize) {
+        let contacts = self.memory.touches_of(grasps);
+        let parts = contacts.div_ceil(DOUBTED).min(usize::from(self.settings.parts));
+        let mut changed = false;
+        for part in 0..parts {
+            let again = doubted(contacts, self.grasps as usize * parts + part);
+            let (memory, hypothesis) = (&self.memory, &mut self.hypotheses[index]);
+            changed |= self.trajectory.doubt(&self.map, self.settled, memory, hypothesis, again);
         }
-        let contacts = self.memory.touches().len();
+        if changed {
+            let whole = self.laid;
+            self.lay_part(index, grasps);
+            self.laid = whole;
+            self.renew(index, grasps);
+        }
+    }
+
+    /// What a hypothesis of which so many grasps are laid says of their poses, and its evidence.
+    fn renew(&mut self, index: usize, grasps: usize) {
+        let evidence = self.evidence_of(index, grasps);
         let hypothesis = &mut self.hypotheses[index];
-        hypothesis.evidence =
-            self.map.log_density_since(self.settled) + hypothesis.price(0..contacts);
-        if !hypothesis.evidence.is_finite() {
-            hypothesis.evidence = f32::MIN;
-        }
+        hypothesis.evidence = if evidence.is_finite() { evidence } else { f32::MIN };
+        self.trajectory.settle(&self.map, self.settled, &self.memory, hypothesis);
         hypothesis.covariance = self.trajectory.covariance(&self.map, self.settled);
+    }
+
+    /// Log density of the contacts of a hypothesis of which so many grasps are laid.
+    pub(super) fn evidence_of(&self, index: usize, grasps: usize) -> f32 {
+        let contacts = self.memory.touches_of(grasps);
+        self.map.log_density_since(self.settled) + self.hypotheses[index].price(0..contacts)
     }
 }
 

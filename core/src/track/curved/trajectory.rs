@@ -19,6 +19,9 @@ pub(super) const PARTS: usize = 4;
 /// Numbers of a tangent at most.
 const AXES: usize = 6;
 
+/// Trust that changes by less is as it was.
+const TRUST_STEP: f32 = 0.2;
+
 /// Longest step of one iteration: metres and radians.
 const LONGEST: (f32, f32) = (0.03, 0.4);
 
@@ -29,10 +32,10 @@ pub(super) struct Hypothesis<S: Space, const GRASPS: usize, const CONTACTS: usiz
     pub base: S::Pose,
     /// Of every remembered grasp, given all.
     pub poses: [S::Pose; GRASPS],
-    /// The same when everything was last made linear about them.
+    /// Where it was proposed, about which everything is linear.
     pub about: [S::Pose; GRASPS],
-    /// Index of the hypothesis it grew from.
-    pub parent: u16,
+    /// Tells it from the others of its grasp; not zero.
+    pub number: u16,
     pub beliefs: [Belief<S>; CONTACTS],
     /// Log density of all remembered contacts, their poses marginalised (Laplace).
     pub evidence: f32,
@@ -46,7 +49,7 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize> Hypothesis<S, GRASPS,
         base: S::Pose::UNSET,
         poses: [S::Pose::UNSET; GRASPS],
         about: [S::Pose::UNSET; GRASPS],
-        parent: 0,
+        number: 0,
         beliefs: [Belief::UNSET; CONTACTS],
         evidence: 0.0,
         covariance: S::Covariance::ZERO,
@@ -245,15 +248,14 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
     }
 
     /// Moves the poses to where they are most likely given all contacts and motions, to first order:
-    /// the posterior mean of the Gaussian process of which they are part. How far the farthest then is from
-    /// where it was made linear, in standard lengths of 1 mm and 10 mrad.
+    /// the posterior mean of the Gaussian process of which they are part.
     pub fn settle<M: Revisable<S>>(
         &self,
         map: &M,
         since: usize,
         memory: &Memory<S, GRASPS, CONTACTS>,
         hypothesis: &mut Hypothesis<S, GRASPS, CONTACTS>,
-    ) -> f32 {
+    ) {
         let weights = map.weights().get(since..).unwrap_or(&[]);
         let sum = |rows: &[S::Tangent], contacts: Range<usize>| {
             let mut sum = S::Tangent::ZERO;
@@ -268,23 +270,16 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
         // η of a grasp: what grasps up to it say through what is common to them, and later ones by all.
         let mut later = sum(&self.levers, 0..self.contacts);
         let mut earlier = S::Tangent::ZERO;
-        let mut longest = 0.0f32;
         for (grasp, remembered) in memory.grasps()[..self.grasps].iter().enumerate() {
             let link = &self.links[grasp];
             later += -sum(&self.levers, remembered.touches());
             earlier += sum(&self.spreads, remembered.touches());
             let walk = earlier + times::<S>(&link.common, later);
             let step = bounded::<S>(link.offset + times::<S>(&link.transport, walk));
-            if !step.is_finite() {
-                continue;
+            if step.is_finite() {
+                hypothesis.poses[grasp] = hypothesis.about[grasp].retract(step);
             }
-            for axis in 0..S::FREEDOM {
-                let unit = if axis < S::DIMENSION { 1e3 } else { 1e2 };
-                longest = math::max(step[axis].abs() * unit, longest);
-            }
-            hypothesis.poses[grasp] = hypothesis.about[grasp].retract(step);
         }
-        longest
     }
 
     /// Posterior covariance of the last pose placed.
@@ -312,27 +307,9 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
         carried::<S>(&link.transport, &covariance)
     }
 
-    /// Makes everything linear about the poses as they are now: asks the surface that all contacts make
-    /// about each of them.
-    pub fn relinearise<M: Revisable<S>>(
-        &self,
-        map: &M,
-        memory: &Memory<S, GRASPS, CONTACTS>,
-        hypothesis: &mut Hypothesis<S, GRASPS, CONTACTS>,
-    ) {
-        for (grasp, remembered) in memory.grasps()[..self.grasps].iter().enumerate() {
-            let pose = hypothesis.poses[grasp];
-            hypothesis.about[grasp] = pose;
-            for index in remembered.touches() {
-                let point = pose.untransform(memory.touches()[index].point);
-                hypothesis.beliefs[index].bend = map.bend(point);
-            }
-        }
-    }
-
     /// Compares each contact with what all others say, and trusts it accordingly: Student's t with
-    /// four degrees of freedom as a normal distribution of uncertain scale. Whether any of `contacts` is
-    /// doubted.
+    /// four degrees of freedom as a normal distribution of uncertain scale. Whether that changes what is
+    /// thought of any of `contacts`, which the map hears of when it is laid anew.
     pub fn doubt<M: Revisable<S>>(
         &mut self,
         map: &M,
@@ -341,16 +318,17 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
         hypothesis: &mut Hypothesis<S, GRASPS, CONTACTS>,
         contacts: Range<usize>,
     ) -> bool {
-        let mut doubted = false;
+        let mut changed = false;
         for index in contacts.start..contacts.end.min(self.contacts) {
             let (first, count) = self.rows[index];
             let (first, count) = (since + usize::from(first), usize::from(count));
             let belief = &mut hypothesis.beliefs[index];
+            let before = belief.trust;
             let workspace = self.scratch.as_flattened_mut();
             doubt_one(map, &memory.touches()[index], first, count, belief, workspace);
-            doubted |= belief.trust < 1.0;
+            changed |= (belief.trust - before).abs() > TRUST_STEP;
         }
-        doubted
+        changed
     }
 }
 
