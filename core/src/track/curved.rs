@@ -16,9 +16,9 @@
 //! 4. *Choose*: equal trajectories are one, improbable ones go, a few stay. Contacts that the others
 //!    contradict lose trust.
 //!
-//! Every grasp stays linear about where it was proposed. To make all of them linear anew about the smoothed
-//! poses (Kaess et al. 2012, "iSAM2") was tried: on ellipses and ellipsoids it gained nothing, and where an
-//! object slides under the fingers, as a cylinder does about its axis, it went back and forth by 0.2 rad.
+//! Every grasp stays linear about where it was proposed. Making all of them linear anew about the smoothed
+//! poses (Kaess et al. 2012, "iSAM2") gains nothing on ellipses and ellipsoids, and where an object slides
+//! under the fingers, as a cylinder does about its axis, poses go back and forth by 0.2 rad.
 //!
 //! When memory is full the oldest grasp is settled: its contacts go to the map for good where the best
 //! hypothesis has them, and the map's own policy bounds what they take.
@@ -63,7 +63,8 @@ pub struct Settings {
     pub unknown: MotionNoise,
     /// Hypotheses this many nats below the best are dropped.
     pub prune: f32,
-    /// After each grasp, how many times sixteen contacts are compared with what the others say, in turn.
+    /// How many parts of the remembered contacts, of at most sixteen each, are compared with what the others
+    /// say after each grasp, in turn.
     pub parts: u8,
 }
 
@@ -235,7 +236,7 @@ impl<
 
     /// Brings the map to the best hypothesis, where it is not.
     fn lay_best(&mut self) {
-        if self.laid == 0 || self.hypotheses[0].number != self.laid {
+        if self.hypotheses[0].number != self.laid {
             self.lay(0);
         }
     }

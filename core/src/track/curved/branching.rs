@@ -37,10 +37,9 @@ impl<
                 self.review(parent, new);
             }
             let prediction = self.predict(&self.hypotheses[parent], last);
-            let touches = self.memory.grasps()[new].touches();
             let scene = Scene {
                 map: &self.map,
-                touches: &self.memory.touches()[touches],
+                touches: self.memory.touches_in(new),
                 free: grasp.free,
                 prediction,
                 middle: self.middle(parent, new),

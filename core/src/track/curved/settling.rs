@@ -57,8 +57,10 @@ impl<
         self.lay(0);
         // From here on evidence is of what is still remembered, and hypotheses are as far apart as before.
         let less = self.evidence_of(0, self.memory.grasps().len()) - self.hypotheses[0].evidence;
-        for hypothesis in &mut self.hypotheses[..self.count] {
-            hypothesis.evidence += less;
+        if less.is_finite() {
+            for hypothesis in &mut self.hypotheses[..self.count] {
+                hypothesis.evidence += less;
+            }
         }
         (before.saturating_sub(self.map.contacts())) as u16
     }

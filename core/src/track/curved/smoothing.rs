@@ -16,7 +16,7 @@ const ROUGHNESS_STEP: f32 = 1.4;
 /// Fewer contacts say nothing about the amplitude.
 const LEAST_CONTACTS: usize = 8;
 
-/// Contacts looked at again in one round, at most.
+/// Contacts of a part that is looked at again, at most.
 pub(super) const DOUBTED: usize = 16;
 
 impl<
@@ -65,7 +65,8 @@ impl<
         }
         self.roughness = trial;
         for index in (0..self.count).rev() {
-            if index > 0 || self.count > 1 {
+            // One alone is laid by the trial.
+            if self.count > 1 {
                 self.lay(index);
             }
             self.renew(index, grasps);
