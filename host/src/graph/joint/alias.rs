@@ -3,13 +3,13 @@
 //! A tracker that took a contact for one on the next face stays beside the truth: no descent leads
 //! back. So poses are sought again from starts all over the motion's uncertainty, against the faces
 //! and against what single contacts say, and tried on the whole graph: for the grasp alone, or for it
-//! and all after it, which its mistake has led astray.
+//! and those after it that its mistake has led astray.
 
 use nalgebra::{Const, DMatrix, DimMin, Matrix3, SMatrix, SVector};
 
 use super::explain::{attempt, renamed, supported};
 use super::factors;
-use super::problem::{Labels, Motion, Problem, State};
+use super::problem::{Labels, Problem, State};
 use super::solve::{Solved, face_variance};
 use super::tangent::{Face, Tangent, axes, local, retract};
 use crate::reference::faces::{self, Owner};
@@ -129,18 +129,6 @@ fn cost_at(problem: &Problem, targets: &[Target], grasp: usize, pose: &Pose) -> 
         .sum()
 }
 
-/// What a motion costs.
-fn step_cost(
-    problem: &Problem,
-    before: &Pose,
-    after: &Pose,
-    motion: &Motion,
-    centre: &Point,
-) -> f64 {
-    let step = factors::step(before, after, &motion.pose, motion.deviations, centre);
-    problem.slip.cost(step.residual.norm_squared()).0
-}
-
 /// The pose near `start` at which the grasp's contacts suit the targets, held by the motion from the
 /// pose `before`.
 pub fn seek<const D: usize>(
@@ -224,7 +212,7 @@ where
         let Some(candidate) = seek::<D>(problem, targets, grasp, before, start, centre) else {
             continue;
         };
-        let total = candidate.cost + step_cost(problem, before, &candidate.pose, motion, centre);
+        let total = candidate.cost + problem.moved(grasp, before, &candidate.pose, centre);
         match found.iter_mut().find(|(_, other)| same(&other.pose, &candidate.pose)) {
             Some(other) if total < other.0 => *other = (total, candidate),
             Some(_) => {}
@@ -271,13 +259,15 @@ pub fn relabel(
     }
 }
 
-/// A grasp, or it and all after it, at another pose.
-struct Move {
-    grasp: usize,
+/// A grasp, or it and some after it, at another pose.
+pub(super) struct Move {
+    /// The first grasp.
+    pub grasp: usize,
+    /// The last one, which goes along.
+    pub until: usize,
     candidate: Candidate,
-    all_after: bool,
     /// Estimated change of the cost.
-    change: f64,
+    pub change: f64,
 }
 
 /// Tries the most promising other poses; whether one lowered the cost.
@@ -285,10 +275,27 @@ pub fn restart<const D: usize>(problem: &Problem, best: &mut Solved<D>) -> bool
 where
     Const<D>: DimMin<Const<D>, Output = Const<D>>,
 {
-    let poses = best.state.poses.clone();
-    let centre = problem.middle(&poses);
     let all = targets(problem, best);
-    let now: Vec<f64> = (0..poses.len()).map(|k| cost_at(problem, &all, k, &poses[k])).collect();
+    let mut moves = moves(problem, best, &all);
+    moves.sort_by(|a, b| a.change.total_cmp(&b.change));
+    moves.into_iter().take(TRIED).any(|m| {
+        let (state, labels) = m.made(problem, best, &all);
+        attempt(problem, best, state, labels)
+    })
+}
+
+/// Other poses at which a grasp, or it and some after it, may have been made.
+pub(super) fn moves<const D: usize>(
+    problem: &Problem,
+    best: &Solved<D>,
+    all: &[Target],
+) -> Vec<Move>
+where
+    Const<D>: DimMin<Const<D>, Output = Const<D>>,
+{
+    let poses = &best.state.poses;
+    let centre = problem.middle(poses);
+    let now: Vec<f64> = (0..poses.len()).map(|k| cost_at(problem, all, k, &poses[k])).collect();
     let mut moves = Vec::new();
     for k in 1..poses.len() {
         if problem.of(k).is_empty() {
@@ -300,53 +307,59 @@ where
             .filter(|t| t.contact.is_none_or(|i| problem.felt[i].grasp != k))
             .copied()
             .collect();
-        let step = |pose: &Pose, before: &Pose| {
-            step_cost(problem, before, pose, &problem.motions[k], &centre)
-        };
+        let step =
+            |grasp: usize, before: &Pose, pose: &Pose| problem.moved(grasp, before, pose, &centre);
         for mut candidate in candidates::<D>(problem, &others, k, &poses[k - 1], &centre) {
             if same(&candidate.pose, &poses[k]) {
                 continue;
             }
-            let own = candidate.cost - now[k] + step(&candidate.pose, &poses[k - 1])
-                - step(&poses[k], &poses[k - 1]);
+            let mut own = candidate.cost - now[k] + step(k, &poses[k - 1], &candidate.pose)
+                - step(k, &poses[k - 1], &poses[k]);
             let shift = poses[k].inverse() * candidate.pose;
-            let tail: f64 = (k + 1..poses.len())
-                .map(|i| cost_at(problem, &all, i, &(poses[i] * shift)) - now[i])
-                .sum();
-            let next = poses.get(k + 1).map_or(0.0, |next| {
-                let motion = &problem.motions[k + 1];
-                step_cost(problem, &candidate.pose, next, motion, &centre)
-                    - step_cost(problem, &poses[k], next, motion, &centre)
-            });
             // Back to the numbers of all targets.
             let number = |j: usize| all.iter().position(|t| same_target(t, &others[j]));
             candidate.targets = candidate.targets.iter().map(|t| renamed((*t)?, number)).collect();
-            for (all_after, change) in [(false, own + next), (true, own + tail)] {
+            for until in k..poses.len() {
+                if until > k {
+                    own += cost_at(problem, all, until, &(poses[until] * shift)) - now[until];
+                }
+                let next = poses.get(until + 1).map_or(0.0, |next| {
+                    step(until + 1, &(poses[until] * shift), next)
+                        - step(until + 1, &poses[until], next)
+                });
+                let change = own + next;
                 if change < WORSE {
-                    moves.push(Move { grasp: k, candidate: candidate.clone(), all_after, change });
+                    moves.push(Move { grasp: k, until, candidate: candidate.clone(), change });
                 }
             }
         }
     }
-    moves.sort_by(|a, b| a.change.total_cmp(&b.change));
-    moves.into_iter().take(TRIED).any(|m| {
+    moves
+}
+
+impl Move {
+    /// What it makes of a graph.
+    pub(super) fn made<const D: usize>(
+        &self,
+        problem: &Problem,
+        best: &Solved<D>,
+        all: &[Target],
+    ) -> (State, Labels) {
         let (mut state, mut labels) = (best.state.clone(), best.labels.clone());
-        let shift = poses[m.grasp].inverse() * m.candidate.pose;
-        relabel(problem, &all, m.grasp, &m.candidate, &mut state, &mut labels);
-        state.poses[m.grasp] = m.candidate.pose;
-        if m.all_after {
-            for k in m.grasp + 1..state.poses.len() {
-                state.poses[k] = poses[k] * shift;
-                for i in problem.of(k) {
-                    let contact = problem.placed(&state.poses, i);
-                    let known = &all[..best.state.faces.len()];
-                    labels[i] = aim(problem, known, &contact, 1.0).0;
-                }
+        let poses = &best.state.poses;
+        let shift = poses[self.grasp].inverse() * self.candidate.pose;
+        relabel(problem, all, self.grasp, &self.candidate, &mut state, &mut labels);
+        state.poses[self.grasp] = self.candidate.pose;
+        for k in self.grasp + 1..=self.until {
+            state.poses[k] = poses[k] * shift;
+            for i in problem.of(k) {
+                let contact = problem.placed(&state.poses, i);
+                let known = &all[..best.state.faces.len()];
+                labels[i] = aim(problem, known, &contact, 1.0).0;
             }
         }
-        let (state, labels) = supported(problem, state, labels);
-        attempt(problem, best, state, labels)
-    })
+        supported(problem, state, labels)
+    }
 }
 
 fn same_target(a: &Target, b: &Target) -> bool {

@@ -22,6 +22,7 @@ use crate::reference::faces::Owner;
 use crate::shape::Field;
 use crate::shape::polytope::Polytope;
 use crate::slam::choose;
+use crate::space::Pose;
 
 /// Rounds of finding contacts beyond the ends of their faces: what is held back here may slide beyond
 /// another end.
@@ -49,6 +50,9 @@ pub(super) struct Confined {
     pub state: State,
     /// What it cost to bring them there, and those that still lie elsewhere, nats.
     pub cost: f64,
+    /// What each grasp would spare at most if it were made at another pose: what its contacts cost that lie
+    /// elsewhere or on nothing, and what its motions came to cost more, nats.
+    pub hanging: Vec<f64>,
 }
 
 /// Holds contacts on the surface and free fingers off it. Where the faces make no closed object, no contact
@@ -59,6 +63,7 @@ pub(super) fn confined<const D: usize>(
     labels: &Labels,
     planes: &[Plane],
 ) -> Confined {
+    let begun = state;
     let mut state = state.clone();
     let mut sides: Vec<Side> = Vec::new();
     let centre = problem.middle(&state.poses);
@@ -83,28 +88,52 @@ pub(super) fn confined<const D: usize>(
     }
     let centre = problem.middle(&state.poses);
     let after = linearise::<D>(problem, &state, labels, &centre).0;
-    let left = elsewhere(problem, &state, labels, shape.as_ref());
-    Confined { state, cost: after - before + left }
+    let mut hanging = elsewhere(problem, &state, labels, shape.as_ref());
+    let left: f64 = hanging.iter().sum();
+    for (contact, _) in labels.iter().enumerate().filter(|(_, label)| label.is_none()) {
+        let felt = &problem.felt[contact];
+        hanging[felt.grasp] += spared(problem, &felt.contact);
+    }
+    for k in 1..state.poses.len() {
+        let cost = |poses: &[Pose]| problem.moved(k, &poses[k - 1], &poses[k], &centre);
+        let rise = (cost(&state.poses) - cost(&begun.poses)).max(0.0);
+        hanging[k - 1] += rise;
+        hanging[k] += rise;
+    }
+    Confined { state, cost: after - before + left, hanging }
 }
 
-/// What contacts cost that lie off the surface of their faces, and free fingers within: each at most what
-/// an unexplained contact does.
-fn elsewhere(problem: &Problem, state: &State, labels: &Labels, shape: Option<&Polytope>) -> f64 {
+/// What a contact on nothing costs more than one that fits, nats.
+fn spared(problem: &Problem, contact: &Contact) -> f64 {
+    (problem.unexplained(contact) - problem.exact(contact)).max(0.0)
+}
+
+/// What contacts cost, grasp by grasp, that lie off the surface of their faces, and free fingers within:
+/// each at most what an unexplained contact does.
+fn elsewhere(
+    problem: &Problem,
+    state: &State,
+    labels: &Labels,
+    shape: Option<&Polytope>,
+) -> Vec<f64> {
+    let mut costs = vec![0.0; state.poses.len()];
     let cost = |contact: &Contact, squared: f64| {
         let most = problem.unexplained(contact) - problem.exact(contact);
         problem.kernel.cost(squared / contact.point_deviation.powi(2)).0.min(most)
     };
-    let beyond = |(contact, label): (usize, &Option<Owner>)| {
-        let Some(Owner::Face(own)) = label else { return 0.0 };
+    for (contact, label) in labels.iter().enumerate() {
+        let Some(Owner::Face(own)) = label else { continue };
         let felt = problem.placed(&state.poses, contact);
         let nearest = shape.and_then(|shape| shape.nearest(&felt.point, Some(*own)));
         let off = state.faces[*own].value(&felt.point);
         let along = nearest.map_or(f64::INFINITY, |(.., distance)| distance.powi(2) - off.powi(2));
-        cost(&felt, along.max(0.0))
-    };
-    let within = |felt: &Felt| Some(cost(&felt.contact, depth(felt, state, shape?)?.1.powi(2)));
-    labels.iter().enumerate().map(beyond).sum::<f64>()
-        + problem.free.iter().filter_map(within).sum::<f64>()
+        costs[problem.felt[contact].grasp] += cost(&felt, along.max(0.0));
+    }
+    for felt in &problem.free {
+        let within = shape.and_then(|shape| depth(felt, state, shape));
+        costs[felt.grasp] += within.map_or(0.0, |(_, depth)| cost(&felt.contact, depth.powi(2)));
+    }
+    costs
 }
 
 impl Side {

@@ -11,7 +11,8 @@
 //! and at which of several look-alike poses a grasp was made, [`retrack`] builds a trajectory of its
 //! own, [`regular`](mod@regular) gives faces an order by [`relation`]s such as parallel and square, and
 //! [`average`] takes the mean where it is open which hold. `confine` keeps contacts where faces are
-//! surface, and fingers that touched nothing outside. [`surface`] does for curved objects what faces do
+//! surface, and fingers that touched nothing outside; `seat` makes grasps elsewhere whose contacts are
+//! not. [`surface`] does for curved objects what faces do
 //! for flat ones, from the tracker's trajectory or those that [`round`] finds.
 
 pub mod alias;
@@ -27,6 +28,7 @@ pub mod relation;
 pub mod retrack;
 pub mod ridge;
 pub mod round;
+mod seat;
 pub mod size;
 pub mod solve;
 pub mod surface;

@@ -8,10 +8,11 @@ use super::average::{Averaged, averaged};
 use super::confine::{Confined, confined};
 use super::explain::{fitted, improve, settle};
 use super::factors::{step, touch};
-use super::problem::{Labels, Motion, Problem, State};
+use super::problem::{Labels, Problem, State};
 use super::regular::regular;
-use super::retrack::retrack;
+use super::retrack::{backwards, retrack};
 use super::ridge::{self, Ridge, named};
+use super::seat::{Seated, seated};
 use super::solve::Solved;
 use super::tangent::{Face, six_by_six};
 use crate::log::GraspLog;
@@ -23,6 +24,9 @@ use crate::space::{Point, Pose};
 
 /// Rounds of moves: changes end after two or three.
 const ROUNDS: usize = 6;
+
+/// Graphs with the same labels and costs nearer than this (nats) are one.
+const SAME: f64 = 1e-3;
 
 /// A face as the graph knows it, object frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -183,29 +187,63 @@ fn run<const D: usize>(
 where
     Const<D>: DimMin<Const<D>, Output = Const<D>>,
 {
+    let first = trajectories.first().and_then(|steps| Some(steps.first()?.pose));
+    let steps = trajectories.first().copied().unwrap_or_default();
     // Whether fingers feel edges is decided by what comes of either in the end: poses that were found
     // without edges hide them.
-    let felt =
-        |edges: bool| explained::<D>(&Problem { edges, ..problem.clone() }, trajectories, effort);
-    let (pointed, round) = rayon::join(|| felt(false), || felt(true));
-    let steps = trajectories.first().copied().unwrap_or_default();
-    let considered: Vec<_> = pointed.into_iter().chain(round).collect();
-    // That contacts lie where faces are surface is known of whole objects only.
-    let found = considered
-        .par_iter()
-        .filter(|(best, _)| !best.state.faces.is_empty())
-        .filter_map(|(best, others)| corrected(problem, best, others, steps));
-    let found: Vec<Corrected> = found.collect();
-    found.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
+    let problems = [false, true].map(|edges| Problem { edges, ..problem.clone() });
+    let found = |starts: &(dyn Fn(&Problem) -> Vec<Solved<D>> + Sync)| {
+        let each = problems.par_iter().flat_map(|problem| {
+            let whole = |solved| explained(problem, solved, effort);
+            let all: Vec<_> = starts(problem).into_iter().map(whole).collect();
+            all.into_par_iter().map(move |(solved, others)| (problem, solved, others))
+        });
+        let whole =
+            distinct(each.collect()).into_par_iter().filter_map(|(problem, solved, others)| {
+                if effort.restarts {
+                    seated(problem, solved, &others, steps)
+                } else {
+                    corrected(problem, solved, &others, steps)
+                }
+            });
+        cheapest(whole.collect())
+    };
+    let mut best = found(&|problem| started(problem, trajectories, first, effort));
+    if effort.retrack && !best.as_ref().is_some_and(Seated::is_sound) {
+        let back = found(&|problem| backwards::<D>(problem, first).into_iter().collect());
+        best = cheapest(best.into_iter().chain(back).collect());
+    }
+    best.map(|best| best.corrected)
 }
 
-/// What comes of every trajectory and of one of the graph's own, with others that may be meant where it is
-/// open how faces lie to each other.
-fn explained<const D: usize>(
+fn cheapest<const D: usize>(all: Vec<Seated<D>>) -> Option<Seated<D>> {
+    all.into_iter().min_by(|a, b| a.corrected.cost.total_cmp(&b.corrected.cost))
+}
+
+/// A graph, of which problem, and others that may be meant where it is open how faces lie to each other.
+type Considered<'a, const D: usize> = (&'a Problem, Solved<D>, Vec<Solved<D>>);
+
+/// The first of those that are one, if it has faces.
+fn distinct<const D: usize>(all: Vec<Considered<D>>) -> Vec<Considered<D>> {
+    let mut kept: Vec<Considered<D>> = Vec::new();
+    for one in all.into_iter().filter(|(_, solved, _)| !solved.state.faces.is_empty()) {
+        let same = |other: &Considered<D>| {
+            other.1.labels == one.1.labels && (other.1.cost - one.1.cost).abs() < SAME
+        };
+        if !kept.iter().any(same) {
+            kept.push(one);
+        }
+    }
+    kept
+}
+
+/// Graphs of every trajectory and of one of the graph's own.
+fn started<const D: usize>(
     problem: &Problem,
     trajectories: &[&[Step]],
+    first: Option<Pose>,
     effort: Effort,
-) -> Vec<(Solved<D>, Vec<Solved<D>>)>
+) -> Vec<Solved<D>>
 where
     Const<D>: DimMin<Const<D>, Output = Const<D>>,
 {
@@ -218,15 +256,23 @@ where
         }
     }
     if effort.retrack {
-        let first = trajectories.first().and_then(|steps| Some(steps.first()?.pose));
         found.extend(retrack::<D>(problem, first));
     }
-    let whole = |solved: Solved<D>| {
-        let mut solved = searched(problem, solved, effort);
-        let others = regular(problem, &mut solved);
-        (solved, others)
-    };
-    found.into_iter().map(whole).collect()
+    found
+}
+
+/// What comes of a graph, with others that may be meant where it is open how faces lie to each other.
+fn explained<const D: usize>(
+    problem: &Problem,
+    solved: Solved<D>,
+    effort: Effort,
+) -> (Solved<D>, Vec<Solved<D>>)
+where
+    Const<D>: DimMin<Const<D>, Output = Const<D>>,
+{
+    let mut solved = searched(problem, solved, effort);
+    let others = regular(problem, &mut solved);
+    (solved, others)
 }
 
 /// Moves faces and grasps for as long as it pays.
@@ -262,13 +308,15 @@ fn initial(problem: &Problem, steps: &[Step], doubted: bool) -> (State, Labels) 
     (State { poses, faces, relations: Vec::new() }, labels)
 }
 
-fn corrected<const D: usize>(
+/// The whole object that a graph makes, with its poses where the object's surface is, and with what the
+/// tracker's `steps` say beside them.
+pub(super) fn corrected<const D: usize>(
     problem: &Problem,
-    best: &Solved<D>,
+    best: Solved<D>,
     others: &[Solved<D>],
     steps: &[Step],
-) -> Option<Corrected> {
-    let Averaged { state, covariance: inverse } = averaged(problem.dimension, best, others)?;
+) -> Option<Seated<D>> {
+    let Averaged { state, covariance: inverse } = averaged(problem.dimension, &best, others)?;
     let dimension = problem.dimension;
     let blocks = |blocks: &[nalgebra::SMatrix<f64, D, D>]| -> Vec<Matrix6<f64>> {
         std::iter::once(Matrix6::zeros()).chain(blocks.iter().map(six_by_six)).collect()
@@ -292,7 +340,7 @@ fn corrected<const D: usize>(
         }
     });
     let faces: Vec<Plane> = faces.collect();
-    let Confined { state, cost } = confined::<D>(problem, &state, &best.labels, &faces);
+    let Confined { state, cost, hanging } = confined::<D>(problem, &state, &best.labels, &faces);
     let steps = state
         .poses
         .iter()
@@ -303,14 +351,15 @@ fn corrected<const D: usize>(
             Step { pose: *pose, covariance: *covariance, ..before }
         })
         .collect();
-    Some(Corrected {
+    let corrected = Corrected {
         steps,
         given_faces,
         faces,
         owners: best.labels.clone(),
         cost: best.cost + cost,
         per_degree: per_degree(problem, &state, &best.labels),
-    })
+    };
+    Some(Seated { solved: best, corrected, hanging })
 }
 
 /// Negative log evidence of contacts, motions and faces, nats, as the Bayesian information criterion has
@@ -329,11 +378,7 @@ pub(super) fn criterion(problem: &Problem, found: &Corrected) -> f64 {
         on.chain(on_edge).fold(f64::INFINITY, f64::min) - problem.exact(&contact)
     };
     let centre = problem.middle(&poses);
-    let motion = |k: usize| {
-        let Motion { pose, deviations } = &problem.motions[k];
-        let step = step(&poses[k - 1], &poses[k], pose, *deviations, &centre);
-        problem.slip.cost(step.residual.norm_squared()).0
-    };
+    let motion = |k: usize| problem.moved(k, &poses[k - 1], &poses[k], &centre);
     let measured = (problem.felt.len() * problem.dimension).max(2) as f64;
     (0..problem.felt.len()).map(contact).sum::<f64>()
         + (1..poses.len()).map(motion).sum::<f64>()

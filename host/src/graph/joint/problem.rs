@@ -6,7 +6,7 @@ use crate::reference::faces::Owner;
 use crate::slam::{deviations, track, usual_deviations};
 use crate::space::{Point, Pose};
 
-use super::factors::Kernel;
+use super::factors::{Kernel, step};
 use super::relation::Relation;
 use super::tangent::Face;
 
@@ -194,6 +194,13 @@ impl Problem {
     pub fn placed(&self, poses: &[Pose], contact: usize) -> Contact {
         let felt = &self.felt[contact];
         felt.contact.transformed(&poses[felt.grasp].inverse())
+    }
+
+    /// What the motion before a grasp costs between the poses `before` and `after` it, slips about `centre`.
+    pub fn moved(&self, grasp: usize, before: &Pose, after: &Pose, centre: &Point) -> f64 {
+        let Motion { pose, deviations } = &self.motions[grasp];
+        let step = step(before, after, pose, *deviations, centre);
+        self.slip.cost(step.residual.norm_squared()).0
     }
 
     /// −ln of the density of a face's direction and offset before anything was felt.

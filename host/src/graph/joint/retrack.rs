@@ -68,6 +68,31 @@ where
     kept.into_iter().next()
 }
 
+/// The same from the last grasp to the first, which stays where it was: what early grasps leave open, late
+/// ones may decide at once.
+pub fn backwards<const D: usize>(problem: &Problem, first: Option<Pose>) -> Option<Solved<D>>
+where
+    Const<D>: DimMin<Const<D>, Output = Const<D>>,
+{
+    let first = *problem.poses(&[first]).first()?;
+    let reversed = problem.reversed();
+    let Solved { mut state, labels, .. } = retrack::<D>(&reversed, None)?;
+    state.poses.reverse();
+    let frame = state.poses.first()?.inverse() * first;
+    for pose in &mut state.poses {
+        *pose *= frame;
+    }
+    // Where it was, up to rounding.
+    *state.poses.first_mut()? = first;
+    let back = frame.inverse();
+    for face in &mut state.faces {
+        face.normal = back.rotation * face.normal;
+        face.offset += face.normal.dot(&back.translation.vector);
+    }
+    let labels = (0..reversed.grasps()).rev().flat_map(|k| labels[reversed.of(k)].to_vec());
+    settle(problem, state, labels.collect())
+}
+
 /// Leaves the cheapest of those that say the same, and none that is hopeless.
 fn distinct<const D: usize>(sorted: &mut Vec<Solved<D>>) {
     let best = sorted.first().map_or(0.0, |s| s.cost);

@@ -136,7 +136,7 @@ fn a_grasp_of_two_parallel_sides_slides_no_farther_than_these_end() {
     let scene = Scene::new(&RECTANGLE, &[(0, 0.45), (0, 0.6), (2, 0.5)], shifted(0.055, 0.0));
     let off = scene.second(&scene.state);
     assert!(off.iter().any(|p| p.x < -0.0595));
-    let Confined { state, cost } = scene.confined();
+    let Confined { state, cost, .. } = scene.confined();
     for p in scene.second(&state) {
         assert!(p.x > -0.0505 && (p.y.abs() - 0.03).abs() < 1e-4, "{p}");
     }
@@ -159,7 +159,7 @@ fn what_lies_on_the_surface_stays_and_costs_nothing() {
     for i in scene.problem.of(1) {
         scene.problem.felt[i].contact = scene.problem.felt[i].contact.transformed(&turned);
     }
-    let Confined { state, cost } = scene.confined();
+    let Confined { state, cost, .. } = scene.confined();
     assert!(cost.abs() < 1e-9, "{cost}");
     assert_eq!(state, scene.state);
 }
@@ -216,14 +216,14 @@ fn fingers_that_touched_nothing_are_held_out_of_the_object() {
     assert_eq!((untouched.state, untouched.cost), (scene.state.clone(), 0.0));
     // 15 mm within the right side, and the motion says little.
     scene.problem.free = vec![outside, inside];
-    let Confined { state, cost } = scene.confined();
+    let Confined { state, cost, .. } = scene.confined();
     let placed = inside.contact.transformed(&state.poses[1].inverse()).point;
     assert!(placed.x > 0.0495 && placed.x < 0.0505, "{placed}");
     assert!(scene.second(&state).iter().all(|p| (p.y.abs() - 0.03).abs() < 5e-4));
     assert!(cost > 0.2 && cost < 1.0, "{cost}");
     // The first pose defines the frame: nothing gives way, and the finger counts as one wild contact.
     scene.problem.free = vec![free(0, 0.035)];
-    let Confined { state, cost } = scene.confined();
+    let Confined { state, cost, .. } = scene.confined();
     let contact = &scene.problem.free[0].contact;
     let most = scene.problem.unexplained(contact) - scene.problem.exact(contact);
     assert_eq!(state, scene.state);
@@ -246,7 +246,7 @@ fn contacts_that_no_surface_can_hold_cost_what_unexplained_ones_do() {
     let owner = |label: &Option<Owner>| label.filter(|o| *o == Owner::Face(0));
     let labels: Labels = one.labels.iter().map(owner).collect();
     let state = State { faces: one.state.faces[..1].to_vec(), ..one.state.clone() };
-    let Confined { state: after, cost } =
+    let Confined { state: after, cost, .. } =
         confined::<3>(&one.problem, &state, &labels, &one.planes[..1]);
     assert_eq!(after, state);
     let on = labels.iter().flatten().count() as f64;
