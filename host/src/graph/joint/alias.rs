@@ -277,6 +277,9 @@ where
 {
     let all = targets(problem, best);
     let mut moves = moves(problem, best, &all);
+    // Those that end somewhere in between are many and alike, and would leave no room for others.
+    let last = best.state.poses.len().saturating_sub(1);
+    moves.retain(|m| m.until == m.grasp || m.until == last);
     moves.sort_by(|a, b| a.change.total_cmp(&b.change));
     moves.into_iter().take(TRIED).any(|m| {
         let (state, labels) = m.made(problem, best, &all);

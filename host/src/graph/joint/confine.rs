@@ -118,8 +118,8 @@ fn elsewhere(
 ) -> Vec<f64> {
     let mut costs = vec![0.0; state.poses.len()];
     let cost = |contact: &Contact, squared: f64| {
-        let most = problem.unexplained(contact) - problem.exact(contact);
-        problem.kernel.cost(squared / contact.point_deviation.powi(2)).0.min(most)
+        let off = problem.kernel.cost(squared / contact.point_deviation.powi(2)).0;
+        off.min(spared(problem, contact))
     };
     for (contact, label) in labels.iter().enumerate() {
         let Some(Owner::Face(own)) = label else { continue };

@@ -11,9 +11,9 @@
 //! and at which of several look-alike poses a grasp was made, [`retrack`] builds a trajectory of its
 //! own, [`regular`](mod@regular) gives faces an order by [`relation`]s such as parallel and square, and
 //! [`average`] takes the mean where it is open which hold. `confine` keeps contacts where faces are
-//! surface, and fingers that touched nothing outside; `seat` makes grasps elsewhere whose contacts are
-//! not. [`surface`] does for curved objects what faces do
-//! for flat ones, from the tracker's trajectory or those that [`round`] finds.
+//! surface, and fingers that touched nothing outside; `seat` finds other poses for grasps whose contacts
+//! still hang in the air. [`surface`] does for curved objects what faces do for flat ones, from the
+//! tracker's trajectory or those that [`round`] finds.
 
 pub mod alias;
 pub mod arrow;

@@ -216,6 +216,7 @@ where
     best.map(|best| best.corrected)
 }
 
+/// Of whole objects: that contacts lie where faces are surface is known of no others.
 fn cheapest<const D: usize>(all: Vec<Seated<D>>) -> Option<Seated<D>> {
     all.into_iter().min_by(|a, b| a.corrected.cost.total_cmp(&b.corrected.cost))
 }
@@ -237,7 +238,7 @@ fn distinct<const D: usize>(all: Vec<Considered<D>>) -> Vec<Considered<D>> {
     kept
 }
 
-/// Graphs of every trajectory and of one of the graph's own.
+/// Where to search from: every trajectory, and one of the graph's own.
 fn started<const D: usize>(
     problem: &Problem,
     trajectories: &[&[Step]],

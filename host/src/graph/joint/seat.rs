@@ -44,8 +44,8 @@ impl<const D: usize> Seated<D> {
     }
 }
 
-/// `solved`, which may as well be one of `others`, with those grasps elsewhere that make the whole of it
-/// cheaper; `None` where a covariance does not exist.
+/// The whole object of a graph (and of `others`, where it is open how its faces lie to each other), with
+/// grasps elsewhere for as long as that makes all of it cheaper; `None` where a covariance does not exist.
 pub(super) fn seated<const D: usize>(
     problem: &Problem,
     solved: Solved<D>,

@@ -231,6 +231,28 @@ fn fingers_that_touched_nothing_are_held_out_of_the_object() {
 }
 
 #[test]
+fn what_hangs_in_the_air_belongs_to_the_grasp_that_felt_it() {
+    let mut scene = Scene::new(&RECTANGLE, &[(0, 0.3), (0, 0.7)], shifted(0.0, 0.0));
+    assert!(scene.confined().hanging.iter().all(|nats| nats.abs() < 1e-9));
+    let last = scene.problem.felt.len() - 1;
+    let most = spared(&scene.problem, &scene.problem.felt[last].contact);
+    // On nothing: what it would spare on a face, though that is no cost of where faces end.
+    scene.labels[last] = None;
+    let Confined { cost, hanging, .. } = scene.confined();
+    assert!(cost.abs() < 1e-9, "{cost}");
+    assert!(hanging[0].abs() < 1e-9 && (hanging[1] - most).abs() < 1e-9, "{hanging:?}");
+    // Far beyond the end of its face.
+    scene.labels[last] = Some(Owner::Face(0));
+    scene.problem.felt[last].contact.point.x += 0.1;
+    let Confined { cost, hanging, .. } = scene.confined();
+    assert!(hanging[1] > most && hanging[1] > 0.9 * cost, "{hanging:?} {cost}");
+    // A grasp held back hangs as well: its motion says otherwise.
+    let slid = Scene::new(&RECTANGLE, &[(0, 0.45), (0, 0.6), (2, 0.5)], shifted(0.055, 0.0));
+    let Confined { cost, hanging, .. } = slid.confined();
+    assert!(hanging[1] > 0.5 * cost && cost > 0.05, "{hanging:?} {cost}");
+}
+
+#[test]
 fn contacts_that_no_surface_can_hold_cost_what_unexplained_ones_do() {
     // A hundred deviations apart, and the motion knows better.
     let mut scene = Scene::new(&RECTANGLE, &[(0, 0.0), (0, 1.0)], shifted(0.0, 0.0));
