@@ -189,6 +189,8 @@ where
 {
     let first = trajectories.first().and_then(|steps| Some(steps.first()?.pose));
     let steps = trajectories.first().copied().unwrap_or_default();
+    // In space other seats were not found to help (87 runs of 280 right, 89 without), and take long.
+    let seats = effort.restarts && problem.dimension == 2;
     // Whether fingers feel edges is decided by what comes of either in the end: poses that were found
     // without edges hide them.
     let problems = [false, true].map(|edges| Problem { edges, ..problem.clone() });
@@ -200,7 +202,7 @@ where
         });
         let whole =
             distinct(each.collect()).into_par_iter().filter_map(|(problem, solved, others)| {
-                if effort.restarts {
+                if seats {
                     seated(problem, solved, &others, steps)
                 } else {
                     corrected(problem, solved, &others, steps)
@@ -209,7 +211,7 @@ where
         cheapest(whole.collect())
     };
     let mut best = found(&|problem| started(problem, trajectories, first, effort));
-    if effort.retrack && !best.as_ref().is_some_and(Seated::is_sound) {
+    if seats && effort.retrack && !best.as_ref().is_some_and(Seated::is_sound) {
         let back = found(&|problem| backwards::<D>(problem, first).into_iter().collect());
         best = cheapest(best.into_iter().chain(back).collect());
     }

@@ -97,3 +97,6 @@ where
         .collect();
     made.into_iter().min_by(|a, b| a.corrected.cost.total_cmp(&b.corrected.cost))
 }
+
+#[cfg(test)]
+mod tests;
