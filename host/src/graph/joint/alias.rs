@@ -5,6 +5,8 @@
 //! and against what single contacts say, and tried on the whole graph: for the grasp alone, or for it
 //! and those after it that its mistake has led astray.
 
+use std::ops::RangeInclusive;
+
 use nalgebra::{Const, DMatrix, DimMin, Matrix3, SMatrix, SVector};
 
 use super::explain::{attempt, renamed, supported};
@@ -259,12 +261,12 @@ pub fn relabel(
     }
 }
 
-/// A grasp, or it and some after it, at another pose.
+/// A grasp, or several in a row, at another pose.
 pub(super) struct Move {
-    /// The first grasp.
-    pub grasp: usize,
-    /// The last one, which goes along.
-    pub until: usize,
+    /// From which grasp to which.
+    pub moved: RangeInclusive<usize>,
+    /// The one at an end of them that the candidate is for; the others go along.
+    grasp: usize,
     candidate: Candidate,
     /// Estimated change of the cost.
     pub change: f64,
@@ -277,9 +279,11 @@ where
 {
     let all = targets(problem, best);
     let mut moves = moves(problem, best, &all);
-    // Those that end somewhere in between are many and alike, and would leave no room for others.
+    // Those that begin and end somewhere in between are many and alike, and would leave no room for others.
     let last = best.state.poses.len().saturating_sub(1);
-    moves.retain(|m| m.until == m.grasp || m.until == last);
+    let is_kept =
+        |m: &RangeInclusive<usize>| m.start() == m.end() || *m.start() == 0 || *m.end() == last;
+    moves.retain(|m| is_kept(&m.moved));
     moves.sort_by(|a, b| a.change.total_cmp(&b.change));
     moves.into_iter().take(TRIED).any(|m| {
         let (state, labels) = m.made(problem, best, &all);
@@ -287,7 +291,9 @@ where
     })
 }
 
-/// Other poses at which a grasp, or it and some after it, may have been made.
+/// Other poses at which a grasp, or several in a row, may have been made: it and some after it where the
+/// motion from the grasp before leads, or it and all before it, to the first, where the motion to the next
+/// one leads back.
 pub(super) fn moves<const D: usize>(
     problem: &Problem,
     best: &Solved<D>,
@@ -297,6 +303,26 @@ where
     Const<D>: DimMin<Const<D>, Output = Const<D>>,
 {
     let poses = &best.state.poses;
+    let mut moves = along::<D>(problem, problem, poses, all, |k| k);
+    let last = poses.len().saturating_sub(1);
+    let back: Vec<Pose> = poses.iter().rev().copied().collect();
+    let first = along::<D>(problem, &problem.reversed(), &back, all, |k| last - k).into_iter();
+    moves.extend(first.filter(|m| *m.moved.start() == 0));
+    moves
+}
+
+/// Those of a grasp and some after it in the order of `problem`, which is the `log`'s or the other way round;
+/// `told` is a grasp's number in the log.
+fn along<const D: usize>(
+    log: &Problem,
+    problem: &Problem,
+    poses: &[Pose],
+    all: &[Target],
+    told: impl Fn(usize) -> usize,
+) -> Vec<Move>
+where
+    Const<D>: DimMin<Const<D>, Output = Const<D>>,
+{
     let centre = problem.middle(poses);
     let now: Vec<f64> = (0..poses.len()).map(|k| cost_at(problem, all, k, &poses[k])).collect();
     let mut moves = Vec::new();
@@ -305,11 +331,9 @@ where
             continue;
         }
         // Its own contacts that no face explains are no evidence for staying.
-        let others: Vec<Target> = all
-            .iter()
-            .filter(|t| t.contact.is_none_or(|i| problem.felt[i].grasp != k))
-            .copied()
-            .collect();
+        let felt = log.of(told(k));
+        let others = all.iter().filter(|t| t.contact.is_none_or(|i| !felt.contains(&i)));
+        let others: Vec<Target> = others.copied().collect();
         let step =
             |grasp: usize, before: &Pose, pose: &Pose| problem.moved(grasp, before, pose, &centre);
         for mut candidate in candidates::<D>(problem, &others, k, &poses[k - 1], &centre) {
@@ -332,7 +356,9 @@ where
                 });
                 let change = own + next;
                 if change < WORSE {
-                    moves.push(Move { grasp: k, until, candidate: candidate.clone(), change });
+                    let (grasp, until) = (told(k), told(until));
+                    let moved = grasp.min(until)..=grasp.max(until);
+                    moves.push(Move { moved, grasp, candidate: candidate.clone(), change });
                 }
             }
         }
@@ -353,7 +379,7 @@ impl Move {
         let shift = poses[self.grasp].inverse() * self.candidate.pose;
         relabel(problem, all, self.grasp, &self.candidate, &mut state, &mut labels);
         state.poses[self.grasp] = self.candidate.pose;
-        for k in self.grasp + 1..=self.until {
+        for k in self.moved.clone().filter(|k| *k != self.grasp) {
             state.poses[k] = poses[k] * shift;
             for i in problem.of(k) {
                 let contact = problem.placed(&state.poses, i);
@@ -361,6 +387,7 @@ impl Move {
                 labels[i] = aim(problem, known, &contact, 1.0).0;
             }
         }
+        state.begin_at(&poses[0]);
         supported(problem, state, labels)
     }
 }
@@ -368,3 +395,6 @@ impl Move {
 fn same_target(a: &Target, b: &Target) -> bool {
     a.contact == b.contact && a.plane.normal == b.plane.normal && a.plane.offset == b.plane.offset
 }
+
+#[cfg(test)]
+mod tests;

@@ -77,6 +77,24 @@ pub struct State {
     pub relations: Vec<Relation>,
 }
 
+impl State {
+    /// The same in the object frame in which the first pose is `first`; nothing without poses.
+    pub fn begin_at(&mut self, first: &Pose) {
+        let Some(now) = self.poses.first().filter(|now| *now != first) else { return };
+        let frame = now.inverse() * first;
+        for pose in &mut self.poses {
+            *pose *= frame;
+        }
+        // Where it was, up to rounding.
+        self.poses[0] = *first;
+        let back = frame.inverse();
+        for face in &mut self.faces {
+            face.normal = back.rotation * face.normal;
+            face.offset += face.normal.dot(&back.translation.vector);
+        }
+    }
+}
+
 impl Problem {
     /// The measurements of a log. Contacts with numbers that are not finite are left out, a motion
     /// with such numbers counts as unknown.

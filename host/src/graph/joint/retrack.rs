@@ -78,17 +78,7 @@ where
     let reversed = problem.reversed();
     let Solved { mut state, labels, .. } = retrack::<D>(&reversed, None)?;
     state.poses.reverse();
-    let frame = state.poses.first()?.inverse() * first;
-    for pose in &mut state.poses {
-        *pose *= frame;
-    }
-    // Where it was, up to rounding.
-    *state.poses.first_mut()? = first;
-    let back = frame.inverse();
-    for face in &mut state.faces {
-        face.normal = back.rotation * face.normal;
-        face.offset += face.normal.dot(&back.translation.vector);
-    }
+    state.begin_at(&first);
     let labels = (0..reversed.grasps()).rev().flat_map(|k| labels[reversed.of(k)].to_vec());
     settle(problem, state, labels.collect())
 }

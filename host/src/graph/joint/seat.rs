@@ -81,7 +81,7 @@ where
     let mut moves = moves(problem, &best.solved, &all);
     for one in &mut moves {
         // At best nothing of the grasps hangs in the air afterwards.
-        one.change -= best.hanging[one.grasp..=one.until].iter().sum::<f64>();
+        one.change -= best.hanging[one.moved.clone()].iter().sum::<f64>();
     }
     moves.sort_by(|a, b| a.change.total_cmp(&b.change));
     moves.truncate(TRIED);
