@@ -3,7 +3,8 @@
 //! A tracker that took a contact for one on the next face stays beside the truth: no descent leads
 //! back. So poses are sought again from starts all over the motion's uncertainty, against the faces
 //! and against what single contacts say, and tried on the whole graph: for the grasp alone, or for it
-//! and those after it that its mistake has led astray.
+//! and those next to it that share its mistake. The first grasps are no surer than others, though they
+//! define the object frame.
 
 use std::ops::RangeInclusive;
 
