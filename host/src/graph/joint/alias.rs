@@ -304,6 +304,9 @@ where
     Const<D>: DimMin<Const<D>, Output = Const<D>>,
 {
     let poses = &best.state.poses;
+    if poses.len() < 2 {
+        return Vec::new();
+    }
     let mut moves = along::<D>(problem, problem, poses, all, |k| k);
     let last = poses.len().saturating_sub(1);
     let back: Vec<Pose> = poses.iter().rev().copied().collect();
