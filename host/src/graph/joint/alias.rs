@@ -304,11 +304,12 @@ where
     Const<D>: DimMin<Const<D>, Output = Const<D>>,
 {
     let poses = &best.state.poses;
-    if poses.len() < 2 {
-        return Vec::new();
-    }
+    let last = match poses.len() {
+        // One pose is the frame, and no motion says where it was instead.
+        0 | 1 => return Vec::new(),
+        several => several - 1,
+    };
     let mut moves = along::<D>(problem, problem, poses, all, |k| k);
-    let last = poses.len().saturating_sub(1);
     let back: Vec<Pose> = poses.iter().rev().copied().collect();
     let first = along::<D>(problem, &problem.reversed(), &back, all, |k| last - k).into_iter();
     moves.extend(first.filter(|m| *m.moved.start() == 0));
@@ -391,7 +392,9 @@ impl Move {
                 labels[i] = aim(problem, known, &contact, 1.0).0;
             }
         }
-        state.begin_at(&poses[0]);
+        if let Some(first) = poses.first() {
+            state.begin_at(first);
+        }
         supported(problem, state, labels)
     }
 }

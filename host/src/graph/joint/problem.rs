@@ -78,15 +78,15 @@ pub struct State {
 }
 
 impl State {
-    /// The same in the object frame in which the first pose is `first`; nothing without poses.
+    /// Makes the object frame the one in which the first pose (object to world) is `first`, and leaves the
+    /// grasps and faces where they are to each other. Without poses there is nothing to do.
     pub fn begin_at(&mut self, first: &Pose) {
         let Some(now) = self.poses.first().filter(|now| *now != first) else { return };
         let frame = now.inverse() * first;
-        for pose in &mut self.poses {
-            *pose *= frame;
+        for (k, pose) in self.poses.iter_mut().enumerate() {
+            // The first exactly: the product rounds.
+            *pose = if k == 0 { *first } else { *pose * frame };
         }
-        // Where it was, up to rounding.
-        self.poses[0] = *first;
         let back = frame.inverse();
         for face in &mut self.faces {
             face.normal = back.rotation * face.normal;
