@@ -179,7 +179,13 @@ impl<
         (self.based, self.started) = (false, false);
         (self.grasps, self.evidence) = (0, 0.0);
         (self.roughness, self.rougher) = (USUAL_ROUGHNESS, false);
-        self.map.roughen(self.roughness);
+        self.roughen(self.roughness);
+    }
+
+    /// The empty map of a kernel rougher by this factor.
+    fn roughen(&mut self, factor: f32) {
+        self.map.roughen(factor);
+        self.trajectory.clear();
     }
 
     /// The shape so far, as the best hypothesis has it.

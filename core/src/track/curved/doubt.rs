@@ -16,7 +16,7 @@ const FITS: f32 = 0.5;
 const WILDEST: f32 = 1e4;
 
 /// What a hypothesis holds of one contact.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Belief<S: Space> {
     /// The surface there.
     pub bend: Bend<S>,

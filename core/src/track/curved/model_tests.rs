@@ -1,6 +1,6 @@
 //! The linear model of trajectory and surface against integration and differences.
 
-use super::tests::{ELLIPSE, KERNEL, Shape, view};
+use super::tests::{ELLIPSE, KERNEL, Shape, World, tracker, view};
 use super::*;
 use crate::contact::Contact;
 use crate::matrix::{Matrix, Vector};
@@ -128,4 +128,37 @@ fn levers_are_derivatives() {
             assert!((slope - lever).abs() < 0.06 * scale, "{axis} {part}: {slope} {lever}");
         }
     }
+}
+
+#[test]
+fn a_past_that_is_laid_already_is_the_past_laid_anew() {
+    let mut shared = 0;
+    for seed in 0..6 {
+        let mut world = World::new(seed);
+        let mut tracker = tracker();
+        // Longer than memory, so that grasps settle; every ninth contact is wild.
+        for grasp in 0..13 {
+            let motion = (grasp > 0).then(|| world.turn());
+            let mut felt = ELLIPSE.grasp(&world.truth, &mut world.random);
+            for (i, contact) in felt.iter_mut().enumerate() {
+                if (5 * grasp + i) % 9 == 4 {
+                    contact.point += Vector([0.01, -0.02]);
+                }
+            }
+            tracker.update(motion.as_ref(), view(&felt));
+            let grasps = tracker.memory.grasps().len();
+            for index in (0..tracker.count).rev() {
+                let hypothesis = &tracker.hypotheses[index];
+                shared += tracker.trajectory.shared(&tracker.memory, hypothesis, grasps);
+                tracker.lay(index);
+                let kept = tracker.map.weights().to_vec();
+                let density = tracker.evidence_of(index, grasps);
+                tracker.trajectory.clear();
+                tracker.lay(index);
+                assert_eq!(tracker.map.weights(), kept, "{seed} {grasp} {index}");
+                assert_eq!(tracker.evidence_of(index, grasps), density, "{seed} {grasp} {index}");
+            }
+        }
+    }
+    assert!(shared > 100, "{shared}");
 }

@@ -38,6 +38,7 @@ impl<
             covariance = self.trajectory.covariance(&self.map, self.settled);
         }
         self.map.withdraw(self.settled);
+        self.trajectory.clear();
         let best = &self.hypotheses[0];
         let pose = best.about[0];
         for index in oldest.touches() {

@@ -54,12 +54,12 @@ impl<
         let known = self.hypotheses[0].evidence + usual(self.roughness);
         let step = if self.rougher { ROUGHNESS_STEP } else { 1.0 / ROUGHNESS_STEP };
         let trial = self.roughness * step;
-        self.map.roughen(trial);
+        self.roughen(trial);
         self.lay(0);
         let likelihood = self.evidence_of(0, grasps);
         if !(likelihood + usual(trial) > known) {
             self.rougher = !self.rougher;
-            self.map.roughen(self.roughness);
+            self.roughen(self.roughness);
             self.lay(0);
             return;
         }

@@ -5,7 +5,7 @@
 use core::ops::Range;
 
 use super::doubt::{Belief, doubt_one, scaled};
-use super::memory::{Memory, Move};
+use super::memory::{Memory, Move, Remembered};
 use super::small::{carried, product, times, transposed_times};
 use crate::contact::Contact;
 use crate::math;
@@ -134,6 +134,10 @@ pub(super) struct Trajectory<
     /// Grasps and contacts placed.
     grasps: usize,
     contacts: usize,
+    /// As what they were placed: see [`Hypothesis`].
+    base: S::Pose,
+    about: [S::Pose; GRASPS],
+    beliefs: [Belief<S>; CONTACTS],
 }
 
 impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
@@ -149,12 +153,20 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
             used: 0,
             grasps: 0,
             contacts: 0,
+            base: S::Pose::UNSET,
+            about: [S::Pose::UNSET; GRASPS],
+            beliefs: [Belief::UNSET; CONTACTS],
         }
+    }
+
+    /// Nothing is placed, whatever was: the map or the memory is another.
+    pub fn clear(&mut self) {
+        (self.used, self.grasps, self.contacts) = (0, 0, 0);
     }
 
     /// Places the contacts of the first `grasps` grasps as the hypothesis has them, in the map above its first `since`
     /// rows. `base` is the covariance of the pose before the oldest grasp; `None` where the oldest grasp
-    /// fixes the frame.
+    /// fixes the frame. Grasps that are so already stay: trajectories of one origin share their past.
     pub fn place<M: Revisable<S>>(
         &mut self,
         map: &mut M,
@@ -164,12 +176,32 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
         hypothesis: &Hypothesis<S, GRASPS, CONTACTS>,
         grasps: usize,
     ) {
-        map.withdraw(since);
-        (self.used, self.grasps, self.contacts) = (0, 0, 0);
-        for grasp in 0..grasps.min(memory.grasps().len()) {
+        let grasps = grasps.min(memory.grasps().len());
+        let kept = self.shared(memory, hypothesis, grasps);
+        self.withdraw(map, since, memory, kept);
+        for grasp in kept..grasps {
             self.append(map, since, base, memory, hypothesis, grasp);
         }
         map.refit();
+    }
+
+    /// How many of the first `grasps` grasps are placed as the hypothesis has them.
+    pub fn shared(
+        &self,
+        memory: &Memory<S, GRASPS, CONTACTS>,
+        hypothesis: &Hypothesis<S, GRASPS, CONTACTS>,
+        grasps: usize,
+    ) -> usize {
+        if self.base != hypothesis.base {
+            return 0;
+        }
+        let placed = memory.grasps()[..grasps.min(self.grasps)].iter().enumerate();
+        let same = |(grasp, remembered): &(usize, &Remembered<S>)| {
+            let touches = remembered.touches();
+            self.about[*grasp] == hypothesis.about[*grasp]
+                && self.beliefs[touches.clone()] == hypothesis.beliefs[touches]
+        };
+        placed.take_while(same).count()
     }
 
     /// Places one grasp more.
@@ -194,8 +226,10 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
             }
         };
         self.links[grasp] = link;
+        (self.base, self.about[grasp]) = (hypothesis.base, *pose);
         for index in remembered.touches() {
             let (touch, belief) = (&memory.touches()[index], &hypothesis.beliefs[index]);
+            self.beliefs[index] = *belief;
             let contact = scaled(touch, belief).seen_from(pose);
             let count = self.row_levers(&contact, belief, &link);
             let mut offset = [0.0; PARTS];
@@ -225,8 +259,7 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
         memory: &Memory<S, GRASPS, CONTACTS>,
         grasp: usize,
     ) {
-        let Some(remembered) = memory.grasps().get(grasp) else { return };
-        let first = remembered.touches().start;
+        let first = memory.touches_of(grasp);
         let rows = &self.rows[first..self.contacts.max(first)];
         self.used = rows.first().map_or(self.used, |(row, _)| usize::from(*row));
         (self.grasps, self.contacts) = (grasp, first);
