@@ -105,7 +105,7 @@ type SpatialMap =
 
 /// Trajectories of the curved tracker; the grasps and contacts it keeps to revise; and the contacts of its
 /// map, among them those of older grasps that are settled.
-const TRAJECTORIES: usize = 12;
+const TRAJECTORIES: usize = 8;
 const REVISED: usize = 24;
 const REVISED_CONTACTS: usize = 112;
 const CURVED: usize = 144;

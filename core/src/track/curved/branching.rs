@@ -12,8 +12,8 @@ use crate::surface::Revisable;
 use crate::track::automatic::log_sum;
 use crate::track::likelihood::LEAST_SLOPE;
 
-/// Candidates this many nats below the best are not looked at closely.
-const HOPELESS: f32 = 12.0;
+/// Candidates this many nats below the best of any hypothesis so far are not looked at closely.
+const HOPELESS: f32 = 8.0;
 
 impl<
     S: Space,
@@ -30,6 +30,7 @@ impl<
         let Some(new) = self.memory.grasps().len().checked_sub(1) else { return 0.0 };
         let Some(last) = new.checked_sub(1) else { return 0.0 };
         let (mut density, mut number) = (f32::NEG_INFINITY, 0);
+        let mut best = f32::NEG_INFINITY;
         for parent in 0..self.count {
             // The first is laid already.
             if parent > 0 {
@@ -45,15 +46,16 @@ impl<
                 middle: self.middle(parent, new),
             };
             let Some(candidates) = scene.propose() else { continue };
-            let best = candidates.as_slice().first().map_or(0.0, |c| c.score);
-            let hopeful = |c: &&Candidate<S>| c.score >= best - HOPELESS;
+            let weight = math::ln(self.hypotheses[parent].weight);
+            let first = candidates.as_slice().first();
+            best = first.map_or(best, |c| math::max(best, weight + c.score));
+            let hopeful = |c: &&Candidate<S>| weight + c.score >= best - HOPELESS;
             for (rank, candidate) in candidates.as_slice().iter().take_while(hopeful).enumerate() {
                 if rank > 0 {
                     self.lift(new);
                 }
                 number += 1;
                 let fit = self.bear(parent, new, candidate, number);
-                let weight = math::ln(self.hypotheses[parent].weight);
                 density = log_sum(density, weight + fit);
             }
         }

@@ -17,9 +17,6 @@ use crate::track::likelihood::{FREEDOM, LEAST_SLOPE};
 /// Gauss–Newton steps of one start.
 const STEPS: usize = 8;
 
-/// Steps after which a start may have met another's.
-const JOINING: usize = 4;
-
 /// Steps below this (metres and radians mixed, squared) end the search.
 const SETTLED: f32 = 4e-8;
 
@@ -178,8 +175,8 @@ impl<S: Space, M: Revisable<S>> Scene<'_, S, M> {
     ) -> Option<Candidate<S>> {
         let mut pose = start;
         for step in 0..=STEPS {
-            // A start that joins the path of another ends where that did.
-            if step == JOINING && found.has(&pose) {
+            // What comes to where another start ended would end there too.
+            if step > 0 && found.has(&pose) {
                 return None;
             }
             let apart = pose.local(&self.prediction.pose);
