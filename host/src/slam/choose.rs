@@ -153,6 +153,16 @@ const MOST_CLOSINGS: usize = 8;
 /// Most contacts that the shape may leave unexplained, as a share.
 const UNEXPLAINED: f64 = 0.06;
 
+/// Most contacts that may be wild, as a share: more of them are on sides that the faces do not have.
+const WILD: f64 = 0.2;
+
+/// Rounds of leaving out contacts that lie where the others' faces are no surface.
+const SIFTED: usize = 3;
+
+/// Contacts of each side from which on hardly any side is touched only once: with as many on average, one
+/// in 400.
+const OFTEN: f64 = 8.0;
+
 /// Deviations from its own face, where that is part of the surface, at which a contact is unexplained.
 const FAR: f64 = 4.0;
 
@@ -186,6 +196,43 @@ pub fn known(faces: &Faces, contacts: &[Contact], free: &[Point]) -> Option<Poly
     let felt = contacts.iter().filter(|c| c.normal.is_some()).count();
     let lost = unexplained(faces, &polytope, contacts);
     (lost as f64 <= UNEXPLAINED * felt as f64).then_some(polytope)
+}
+
+/// Which contacts to make a shape of where a graph knows the `faces`, each contact's owner among them: all, or
+/// without those that lie on none, or where they are no surface. A few of these are wild, of something else or
+/// of a sensor that failed, where the others make an object without them and either sides are touched so
+/// often that they are no sides touched once, or all contacts together make no object.
+pub fn trusted(faces: &Faces, contacts: &[Contact], free: &[Point]) -> Vec<bool> {
+    let all = vec![true; contacts.len()];
+    let known = contacts.iter().zip(&faces.owners);
+    let mut trusted: Vec<bool> = known.map(|(c, o)| c.normal.is_none() || o.is_some()).collect();
+    let often = |others: &[Contact]| others.len() as f64 >= OFTEN * faces.faces.len() as f64;
+    for _ in 0..SIFTED {
+        let wild = trusted.iter().filter(|trusted| !**trusted).count();
+        if wild as f64 > WILD * contacts.len() as f64 {
+            break;
+        }
+        let others = only(contacts, &trusted);
+        match judge(faces.dimension, &others, free) {
+            Ok(_) if often(&others) || judge(faces.dimension, contacts, free).is_err() => {
+                return trusted;
+            }
+            Err(Refusal::Unexplained { .. }) => {
+                let Ok((found, polytope)) = polytope(faces.dimension, &others, free) else { break };
+                let mut lost = lost(&found, &polytope, &others).into_iter();
+                for trusted in trusted.iter_mut().filter(|trusted| **trusted) {
+                    *trusted = !lost.next().unwrap_or_default();
+                }
+            }
+            _ => break,
+        }
+    }
+    all
+}
+
+/// Those that are marked.
+pub fn only<T: Clone>(all: &[T], marked: &[bool]) -> Vec<T> {
+    all.iter().zip(marked).filter(|(_, marked)| **marked).map(|(one, _)| one.clone()).collect()
 }
 
 /// Faces that the contacts show, without those that others explain, in order where they plausibly are.
@@ -322,9 +369,14 @@ fn untouched(polytope: &Polytope, contacts: &[Contact]) -> f64 {
     corners.iter().map(nearest).fold(0.0, f64::max)
 }
 
-/// Contacts that lie off every face they belong to, as far as that is surface.
+/// How many contacts lie off every face they belong to, as far as that is surface.
 fn unexplained(faces: &Faces, polytope: &Polytope, contacts: &[Contact]) -> usize {
-    let lost = |(contact, owner): &(&Contact, &Option<Owner>)| {
+    lost(faces, polytope, contacts).into_iter().filter(|lost| *lost).count()
+}
+
+/// Which contacts do.
+fn lost(faces: &Faces, polytope: &Polytope, contacts: &[Contact]) -> Vec<bool> {
+    let lost = |(contact, owner): (&Contact, &Option<Owner>)| {
         let Some(owner) = owner else { return contact.normal.is_some() };
         owner.faces().iter().any(|face| {
             let variance =
@@ -334,7 +386,7 @@ fn unexplained(faces: &Faces, polytope: &Polytope, contacts: &[Contact]) -> usiz
                 .is_none_or(|(.., distance)| distance > FAR * variance.sqrt())
         })
     };
-    contacts.iter().zip(&faces.owners).filter(lost).count()
+    contacts.iter().zip(&faces.owners).map(lost).collect()
 }
 
 #[cfg(test)]
@@ -401,6 +453,50 @@ mod tests {
             .map(|(sin, cos)| [40.0 * cos, 40.0 * sin])
             .collect();
         assert!(judge(2, &along(&circle, 2), &[]).is_err());
+    }
+
+    /// The faces of all but the last `unknown` contacts, on which those do not lie.
+    fn all_but(unknown: usize, contacts: &[Contact]) -> Faces {
+        let known = &contacts[..contacts.len() - unknown];
+        let faces = fitted(2, known).unwrap();
+        let owners = faces.owners.iter().copied().chain(std::iter::repeat_n(None, unknown));
+        Faces { owners: owners.collect(), ..faces }
+    }
+
+    #[test]
+    fn contacts_on_no_side_are_left_out_where_sides_are_touched_often() {
+        let wild = [(-0.01, 0.005, 0.3), (0.02, -0.012, 2.0), (0.03, 0.05, 4.0), (0.08, 0.0, 2.5)];
+        let wild = wild.map(|(x, y, angle): (f64, f64, f64)| Contact {
+            point: Point::new(x, y, 0.0),
+            normal: Some(Point::new(angle.cos(), angle.sin(), 0.0)),
+            ..along(&RECTANGLE, 1)[0]
+        });
+        for (each, left_out) in [(9, true), (3, false)] {
+            let contacts = [along(&RECTANGLE, each), wild.to_vec()].concat();
+            let faces = all_but(4, &contacts);
+            let trusted = trusted(&faces, &contacts, &[]);
+            // More than a fifth wild is another object.
+            assert_eq!(trusted.iter().filter(|t| !**t).count(), if left_out { 4 } else { 0 });
+            if left_out {
+                let kept = only(&contacts, &trusted);
+                assert_eq!(judge(2, &kept, &[]).unwrap().0.faces.len(), 4);
+                let owners = only(&faces.owners, &trusted);
+                let faces = Faces { owners, ..faces };
+                let Geometry::Outline(outline) = known(&faces, &kept, &[]).unwrap().geometry else {
+                    panic!()
+                };
+                assert!((outline.area() - 0.0072).abs() < 1e-4);
+            }
+        }
+    }
+
+    #[test]
+    fn a_side_touched_once_is_none_to_leave_out() {
+        // The last side by one contact, the others by four each.
+        let mut contacts = along(&RECTANGLE, 4);
+        contacts.truncate(13);
+        let trusted = trusted(&all_but(1, &contacts), &contacts, &[]);
+        assert_eq!(trusted, [true; 13]);
     }
 
     #[test]

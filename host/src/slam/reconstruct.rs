@@ -9,8 +9,9 @@ use crate::log::GraspLog;
 use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::{Contact, Faces};
 use crate::shape::lattice::LatticeError;
+use crate::shape::polytope::Polytope;
 use crate::shape::{Field, Geometry, contour, surface};
-use crate::slam::choose::{self, Choice, Model, Refusal};
+use crate::slam::choose::{self, Choice, Model, Refusal, only};
 use crate::slam::fit::{self, fit_experts, open_beside};
 use crate::slam::free::Free;
 use crate::slam::track::Step;
@@ -33,7 +34,7 @@ pub struct Reconstruction {
     pub geometry: Geometry,
     /// Standard deviation along the normal at each of its vertices, metres.
     pub deviations: Vec<f64>,
-    /// The contacts it was made of.
+    /// All contacts of the log, wild ones that it was made without among them.
     pub contacts: Vec<Placed>,
     /// What it was made with.
     pub model: Model,
@@ -94,18 +95,12 @@ pub fn reconstruct(
     choice: Choice,
     progress: Progress<'_>,
 ) -> Result<Reconstruction, Error> {
-    let placed = place(log, steps);
-    let contacts: Vec<Contact> = placed.iter().map(|p| p.contact).collect();
-    if contacts.is_empty() {
-        return Err(Error::NoContacts);
-    }
-    let free = free(log, steps);
-    let (model, geometry, deviations) = shape(log.dimension, &contacts, &free, choice, progress)?;
-    Ok(Reconstruction { geometry, deviations, contacts: placed, model })
+    reconstruct_known(log, steps, None, choice, progress)
 }
 
 /// The same where faces were estimated together with the poses, from all contacts of the log in their
-/// order: if faces suit the contacts, these are the shape's.
+/// order: if faces suit the contacts, these are the shape's, and contacts that lie on none may be left out
+/// ([`choose::trusted`]).
 ///
 /// # Errors
 /// As [`reconstruct()`].
@@ -116,23 +111,40 @@ pub fn reconstruct_known(
     choice: Choice,
     progress: Progress<'_>,
 ) -> Result<Reconstruction, Error> {
-    let made = reconstruct(log, steps, choice, progress)?;
-    let (Some(faces), Model::Faces(_)) = (faces, &made.model) else { return Ok(made) };
-    let contacts: Vec<Contact> = made.contacts.iter().map(|p| p.contact).collect();
+    let placed = place(log, steps);
+    let all: Vec<Contact> = placed.iter().map(|p| p.contact).collect();
+    if all.is_empty() {
+        return Err(Error::NoContacts);
+    }
     let free = free(log, steps);
     let outside: Vec<Point> = free.iter().map(|f| f.point).collect();
-    Ok(match choose::known(faces, &contacts, &outside) {
-        Some(shape) => {
-            let shape = shape.doubted(open_beside(log.dimension, &contacts, &free));
-            Reconstruction {
-                geometry: shape.geometry.clone(),
-                deviations: shape.deviations.clone(),
-                model: Model::Faces(Box::new(shape)),
-                ..made
+    let made = |contacts: &[Contact]| shape(log.dimension, contacts, &free, choice, progress);
+    let (model, geometry, deviations) = match faces {
+        None => made(&all)?,
+        Some(faces) => {
+            let trusted = choose::trusted(faces, &all, &outside);
+            let contacts = only(&all, &trusted);
+            let owners = only(&faces.owners, &trusted);
+            let own = faces.faces.clone();
+            let faces = Faces::explaining(log.dimension, &contacts, own, owners);
+            match made(&contacts)? {
+                (Model::Faces(found), ..) => {
+                    let known = choose::known(&faces, &contacts, &outside);
+                    let doubted =
+                        |p: Polytope| p.doubted(open_beside(log.dimension, &contacts, &free));
+                    shaped(known.map_or(*found, doubted))
+                }
+                other => other,
             }
         }
-        None => made,
-    })
+    };
+    Ok(Reconstruction { geometry, deviations, contacts: placed, model })
+}
+
+/// A shape of faces as [`shape`] has it.
+fn shaped(polytope: Polytope) -> (Model, Geometry, Vec<f64>) {
+    let (geometry, deviations) = (polytope.geometry.clone(), polytope.deviations.clone());
+    (Model::Faces(Box::new(polytope)), geometry, deviations)
 }
 
 /// The shape of contacts and free points in the object frame: the model chosen, outline or mesh, and
@@ -157,9 +169,7 @@ pub fn shape(
         Choice::Gp => None,
     };
     if let Some((_, shape)) = polytope {
-        let shape = shape.doubted(open_beside(dimension, contacts, free));
-        let (geometry, deviations) = (shape.geometry.clone(), shape.deviations.clone());
-        return Ok((Model::Faces(Box::new(shape)), geometry, deviations));
+        return Ok(shaped(shape.doubted(open_beside(dimension, contacts, free))));
     }
     if contacts.len() > DENSE[usize::from(dimension == 3)] {
         let (kernel, experts) = fit_experts(dimension, contacts)?;

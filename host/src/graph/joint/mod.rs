@@ -40,7 +40,7 @@ use nalgebra::Matrix6;
 
 use crate::log::GraspLog;
 use crate::reference::Contact;
-use crate::slam::choose;
+use crate::slam::choose::{self, only};
 use crate::slam::reconstruct::place;
 use crate::slam::track::Step;
 use crate::space::Pose;
@@ -91,6 +91,8 @@ fn corrected(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected
     let believed = |flat: &Corrected| {
         let contacts = place(log, &flat.relative());
         let contacts: Vec<Contact> = contacts.into_iter().map(|p| p.contact).collect();
+        let Some(faces) = flat.shape(log) else { return false };
+        let contacts = only(&contacts, &choose::trusted(&faces, &contacts, &[]));
         choose::judge(log.dimension, &contacts, &[]).is_ok()
     };
     let is_flat = flat.as_ref().is_some_and(believed);
