@@ -134,7 +134,7 @@ pub(super) struct Trajectory<
     /// Grasps and contacts placed.
     grasps: usize,
     contacts: usize,
-    /// As what they were placed: see [`Hypothesis`].
+    /// What [`Hypothesis`] held of the placed grasps.
     base: S::Pose,
     about: [S::Pose; GRASPS],
     beliefs: [Belief<S>; CONTACTS],
@@ -159,7 +159,7 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
         }
     }
 
-    /// Nothing is placed, whatever was: the map or the memory is another.
+    /// Nothing is placed: map, memory or the covariance of the first pose is another than it was.
     pub fn clear(&mut self) {
         (self.used, self.grasps, self.contacts) = (0, 0, 0);
     }
