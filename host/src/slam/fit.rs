@@ -204,7 +204,7 @@ fn ends(body: &Body) -> usize {
 }
 
 /// Whether the body leaves no more of the contacts than a body of the right kind rarely exceeds.
-fn explains(body: &Body) -> bool {
+pub(super) fn explains(body: &Body) -> bool {
     let scatter = (2.0 / body.degrees().max(1.0)).sqrt();
     body.misfit() < MISFIT.max(1.0 + MISFIT_DEVIATIONS * scatter)
 }
@@ -316,7 +316,7 @@ fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
 }
 
 /// Bodies other than the ball that are not flat all over.
-fn rounds(
+pub(super) fn rounds(
     dimension: usize,
     contacts: &[Contact],
     faces: Option<&Faces>,

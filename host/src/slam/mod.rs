@@ -15,6 +15,7 @@ pub mod output;
 pub mod reconstruct;
 pub mod recorded;
 pub mod replay;
+pub mod sift;
 pub mod track;
 pub mod trackers;
 

@@ -14,6 +14,7 @@ use crate::shape::{Field, Geometry, contour, surface};
 use crate::slam::choose::{self, Choice, Model, Refusal, only};
 use crate::slam::fit::{self, fit_experts, open_beside};
 use crate::slam::free::Free;
+use crate::slam::sift;
 use crate::slam::track::Step;
 use crate::slam::{Progress, deviations, usual_deviations};
 use crate::space::{Point, Pose};
@@ -148,7 +149,8 @@ fn shaped(polytope: Polytope) -> (Model, Geometry, Vec<f64>) {
 }
 
 /// The shape of contacts and free points in the object frame: the model chosen, outline or mesh, and
-/// the standard deviation at each of its vertices, metres.
+/// the standard deviation at each of its vertices, metres. A dense surface is made without the contacts
+/// that [`sift`] does not trust.
 ///
 /// # Errors
 /// As [`reconstruct()`].
@@ -159,17 +161,8 @@ pub fn shape(
     choice: Choice,
     progress: Progress<'_>,
 ) -> Result<(Model, Geometry, Vec<f64>), Error> {
-    let faced = evenly(contacts, FACED);
-    let outside: Vec<Point> = free.iter().map(|f| f.point).collect();
-    let polytope = match choice {
-        Choice::Auto => choose::judge(dimension, &faced, &outside)
-            .ok()
-            .filter(|(faces, _)| !fit::is_rounder(dimension, &faced, faces)),
-        Choice::Faces => Some(choose::polytope(dimension, &faced, &outside).map_err(Error::Faces)?),
-        Choice::Gp => None,
-    };
-    if let Some((_, shape)) = polytope {
-        return Ok(shaped(shape.doubted(open_beside(dimension, contacts, free))));
+    if let Some(faces) = faced(dimension, contacts, free, choice)? {
+        return Ok(faces);
     }
     if contacts.len() > DENSE[usize::from(dimension == 3)] {
         let (kernel, experts) = fit_experts(dimension, contacts)?;
@@ -177,6 +170,13 @@ pub fn shape(
         let (geometry, deviations) = extract(dimension, &experts, contacts)?;
         return Ok((Model::Gp(kernel), geometry, deviations));
     }
+    let trusted = only(contacts, &sift::trusted(dimension, contacts));
+    if trusted.len() < contacts.len()
+        && let Some(faces) = faced(dimension, &trusted, free, choice)?
+    {
+        return Ok(faces);
+    }
+    let contacts = &trusted;
     let (kernel, blend) = fit::fit(dimension, contacts, free)?;
     let (geometry, deviations) = extract(dimension, &blend, contacts)?;
     let deviations = match open_beside(dimension, contacts, free) {
@@ -184,6 +184,26 @@ pub fn shape(
         None => deviations,
     };
     Ok((Model::Gp(kernel), geometry, deviations))
+}
+
+/// The shape of faces, where that is the choice.
+fn faced(
+    dimension: usize,
+    contacts: &[Contact],
+    free: &[Free],
+    choice: Choice,
+) -> Result<Option<(Model, Geometry, Vec<f64>)>, Error> {
+    let few = evenly(contacts, FACED);
+    let outside: Vec<Point> = free.iter().map(|f| f.point).collect();
+    let found = match choice {
+        Choice::Auto => choose::judge(dimension, &few, &outside)
+            .ok()
+            .filter(|(faces, _)| !fit::is_rounder(dimension, &few, faces)),
+        Choice::Faces => Some(choose::polytope(dimension, &few, &outside).map_err(Error::Faces)?),
+        Choice::Gp => None,
+    };
+    let doubted = |p: Polytope| shaped(p.doubted(open_beside(dimension, contacts, free)));
+    Ok(found.map(|(_, polytope)| doubted(polytope)))
 }
 
 /// The log's contacts in the object frame. The doubt about a pose along a contact's normal, and

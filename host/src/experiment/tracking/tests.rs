@@ -175,3 +175,19 @@ fn a_tenth_of_wild_contacts_does_not_spoil_a_flat_shape() {
         assert!(good >= 6, "{object}: {distances:?}");
     }
 }
+
+#[test]
+fn a_tenth_of_wild_contacts_does_not_spoil_a_curved_shape() {
+    for object in ["ellipse:0.1x0.06", "ellipsoid:0.1x0.07x0.05"] {
+        let distance = |seed: u64| {
+            let options = Options { seed, outliers: 0.1, ..Options::new(object.parse().unwrap()) };
+            let Simulation { log, geometry, .. } = simulate(&options).unwrap();
+            let steps = crate::slam::track::truth(&log).unwrap();
+            let found = graph::joint::surface::smooth(&log, &[&steps]).unwrap();
+            let judged = judge(&log, &found.steps, &Truth::new(geometry)).unwrap();
+            judged.hausdorff.unwrap()
+        };
+        let distances: Vec<f64> = (0..3).map(distance).collect();
+        assert!(distances.iter().all(|d| *d < 4e-3), "{object}: {distances:?}");
+    }
+}

@@ -17,7 +17,9 @@ use super::tangent::{Tangent, axes, local, retract, six_by_six};
 use crate::log::GraspLog;
 use crate::reference::gpis::Evaluation;
 use crate::reference::{Contact, Gpis};
+use crate::slam::choose::only;
 use crate::slam::fit::{Model, model};
+use crate::slam::sift;
 use crate::slam::track::Step;
 use crate::space::Pose;
 
@@ -39,11 +41,16 @@ const LEAST_SLOPE: f64 = 0.3;
 /// Contacts of which a dense surface is still quick to fit once for every grasp.
 const MOST: usize = 200;
 
+/// Nats by which a wild contact is dearer than one of the surface is on average.
+const WILD: f64 = 5.5;
+
 /// A trajectory and what it is worth.
 struct Fitted<const D: usize> {
     poses: Vec<Pose>,
     /// That explains its contacts best.
     model: Model,
+    /// Which contacts the surface is made of.
+    trusted: Vec<bool>,
     /// Negative log evidence of contacts, and the motions' cost.
     cost: f64,
     /// Blocks of the poses' covariance.
@@ -93,14 +100,14 @@ fn run<const D: usize>(problem: &Problem, trajectories: &[&[Step]]) -> Option<Co
 fn settle<const D: usize>(problem: &Problem, poses: Vec<Pose>) -> Option<Fitted<D>> {
     let mut start = fitted::<D>(problem, poses)?;
     let mut poses = start.poses.clone();
-    let mut cost = worth(problem, &start.model, &poses)?;
+    let mut cost = worth(problem, &start, &poses)?;
     for _ in 0..TURNS {
-        let Some((target, covariance)) = matched::<D>(problem, &start.model, &poses) else { break };
+        let Some((target, covariance)) = matched::<D>(problem, &start, &poses) else { break };
         start.covariance = covariance;
         let shorter = PARTS.iter().find_map(|part| {
             let along = |(pose, to): (&Pose, &Pose)| retract(pose, &(local(pose, to) * *part));
             let moved: Vec<Pose> = poses.iter().zip(&target).map(along).collect();
-            let lower = worth(problem, &start.model, &moved)?;
+            let lower = worth(problem, &start, &moved)?;
             (lower < cost).then_some((moved, lower))
         });
         let Some((moved, lower)) = shorter else { break };
@@ -121,9 +128,10 @@ fn placed(problem: &Problem, poses: &[Pose]) -> Vec<Contact> {
     (0..problem.felt.len()).map(|i| problem.placed(poses, i)).collect()
 }
 
-/// Cost of contacts and motions for a given model.
-fn worth(problem: &Problem, model: &Model, poses: &[Pose]) -> Option<f64> {
-    let surface = model.surface(problem.dimension, &placed(problem, poses)).ok()?;
+/// Cost of trusted contacts and of motions for the model that is known.
+fn worth<const D: usize>(problem: &Problem, known: &Fitted<D>, poses: &[Pose]) -> Option<f64> {
+    let contacts = only(&placed(problem, poses), &known.trusted);
+    let surface = known.model.surface(problem.dimension, &contacts).ok()?;
     let cost = motions(problem, poses) - surface.log_marginal_likelihood();
     cost.is_finite().then_some(cost)
 }
@@ -142,26 +150,31 @@ fn motions(problem: &Problem, poses: &[Pose]) -> f64 {
 
 /// The model that suits the contacts best where the poses put them, and what all of it costs.
 fn fitted<const D: usize>(problem: &Problem, poses: Vec<Pose>) -> Option<Fitted<D>> {
-    let model = model(problem.dimension, &placed(problem, &poses)).ok()?;
-    let cost = motions(problem, &poses) - model.evidence;
+    let placed = placed(problem, &poses);
+    let trusted = sift::trusted(problem.dimension, &placed);
+    let contacts = only(&placed, &trusted);
+    let model = model(problem.dimension, &contacts).ok()?;
+    let all = placed.len() as f64 / contacts.len() as f64;
+    let wild = WILD * (placed.len() - contacts.len()) as f64;
+    let cost = motions(problem, &poses) - model.evidence * all + wild;
     let covariance = vec![SMatrix::zeros(); poses.len().saturating_sub(1)];
-    cost.is_finite().then_some(Fitted { poses, model, cost, covariance })
+    cost.is_finite().then_some(Fitted { poses, model, trusted, cost, covariance })
 }
 
 /// All poses where every grasp suits the surface of the others, and their covariances.
 fn matched<const D: usize>(
     problem: &Problem,
-    model: &Model,
+    known: &Fitted<D>,
     poses: &[Pose],
 ) -> Option<(Vec<Pose>, Vec<SMatrix<f64, D, D>>)> {
     let mut poses = poses.to_vec();
     let placed = placed(problem, &poses);
     let without = |grasp: usize| -> Option<Gpis> {
         let own = problem.of(grasp);
-        let others: Vec<Contact> =
-            (0..placed.len()).filter(|i| !own.contains(i)).map(|i| placed[i]).collect();
+        let is_other = |i: &usize| known.trusted[*i] && !own.contains(i);
+        let others: Vec<Contact> = (0..placed.len()).filter(is_other).map(|i| placed[i]).collect();
         (!own.is_empty() && !others.is_empty())
-            .then(|| model.surface(problem.dimension, &others).ok())?
+            .then(|| known.model.surface(problem.dimension, &others).ok())?
     };
     let surfaces: Vec<Option<Gpis>> = (0..poses.len()).into_par_iter().map(without).collect();
     let mut covariance = Vec::new();

@@ -1,0 +1,175 @@
+//! Contacts that are of something else, or of a sensor that failed: few of many, where a round body explains
+//! all others.
+//!
+//! A smooth surface follows every contact that it is given, so one that is wild dents it. A body of few
+//! numbers does not, where many contacts measured them: what lies far off it does not belong there.
+
+use super::choose::only;
+use super::fit::{explains, rounds};
+use crate::reference::body::Body;
+use crate::reference::{Contact, Faces, Mean, Prior};
+
+/// χ² of a contact on the body, with what no body fits exactly, from which on it is wild.
+const STRANGE: f64 = 16.0;
+
+/// What no body fits exactly: deviations of the point, in multiples of the object's radius, and of the normal,
+/// radians.
+const INEXACT: (f64, f64) = (0.02, 0.1);
+
+/// Wild contacts bend the first body, so at first only those are left out that are nearly as strange as the
+/// strangest: whose χ² is more than this part of its.
+const NEARLY: f64 = 0.25;
+
+/// Bodies fitted at most, each to what the one before left.
+const ROUNDS: usize = 8;
+
+/// Most contacts that may be wild, as a share: more of them are a part of the object that the body lacks.
+const WILD: f64 = 0.2;
+
+/// Numbers measured per number of the body from which on it may contradict contacts.
+const DECIDED: f64 = 4.0;
+
+/// Contacts nearer than this part of the object's radius, whose normals are less apart than this cosine says,
+/// may be of one surface; they agree where they are so within as many deviations.
+const NEAR: f64 = 0.5;
+const ALIKE: f64 = 0.7;
+const AGREED: f64 = 2.0;
+
+/// Which contacts belong to the object: all, or without the few that a body which explains the others has no
+/// place for. Where most of those agree with one another they are a part of the object that the body lacks,
+/// such as the inner sides of an L, and none is left out.
+pub fn trusted(dimension: usize, contacts: &[Contact]) -> Vec<bool> {
+    let all = vec![true; contacts.len()];
+    let Some(Prior::Ball { radius, .. }) = Prior::fitted(contacts) else { return all };
+    let mut trusted = all.clone();
+    for _ in 0..ROUNDS {
+        let own = only(contacts, &trusted);
+        let faces = Faces::fit(dimension, &own);
+        let bodies = rounds(dimension, &own, faces.as_ref());
+        let judged = bodies.map(|body| (strangeness(&body, radius, contacts), body));
+        let robust = |all: &[f64]| all.iter().map(|one| one.min(STRANGE)).sum::<f64>();
+        let best = judged.min_by(|a, b| robust(&a.0).total_cmp(&robust(&b.0)));
+        let Some((strange, body)) = best else { return all };
+        let of_trusted = strange.iter().zip(&trusted).filter(|(_, trusted)| **trusted);
+        let worst = of_trusted.map(|(strange, _)| *strange).fold(0.0, f64::max);
+        let least = STRANGE.max(NEARLY * worst);
+        let next: Vec<bool> = strange.iter().map(|strange| *strange <= least).collect();
+        if next == trusted {
+            let others: Vec<bool> = trusted.iter().map(|trusted| !trusted).collect();
+            let others = only(contacts, &others);
+            let few = others.len() as f64 <= WILD * contacts.len() as f64;
+            let is_wild = few && is_known(dimension, &body, &own) && !is_part(&others, radius);
+            return if is_wild { trusted } else { all };
+        }
+        trusted = next;
+    }
+    all
+}
+
+/// Whether the body of these contacts is to be believed against others.
+fn is_known(dimension: usize, body: &Body, contacts: &[Contact]) -> bool {
+    let numbers = |c: &Contact| if c.normal.is_some() { dimension } else { 1 };
+    let measured = contacts.iter().map(numbers).sum::<usize>() as f64;
+    explains(body) && measured >= DECIDED * (measured - body.degrees())
+}
+
+/// Whether most of these contacts agree with another of them.
+fn is_part(contacts: &[Contact], radius: f64) -> bool {
+    let agreed = |(i, one): (usize, &Contact)| {
+        contacts.iter().enumerate().any(|(j, other)| i != j && agree(one, other, radius))
+    };
+    2 * contacts.iter().enumerate().filter(|one| agreed(*one)).count() > contacts.len()
+}
+
+/// Whether two contacts may be of one flat or evenly curved surface, where the chord is square to the mean of
+/// the normals.
+fn agree(one: &Contact, other: &Contact, radius: f64) -> bool {
+    let (Some(n), Some(m)) = (one.normal, other.normal) else { return false };
+    let chord = other.point - one.point;
+    let mean = (n + m).normalize();
+    let turned = chord.norm() * one.normal_deviation.hypot(other.normal_deviation) / 2.0;
+    let deviation = one.point_deviation.hypot(other.point_deviation).hypot(turned);
+    n.dot(&m) > ALIKE && chord.norm() < NEAR * radius && chord.dot(&mean).abs() < AGREED * deviation
+}
+
+/// χ² of each contact.
+fn strangeness(body: &Body, radius: f64, contacts: &[Contact]) -> Vec<f64> {
+    let one = |contact: &Contact| {
+        let off = body.value(&contact.point) / contact.point_deviation.hypot(INEXACT.0 * radius);
+        let turned = contact.normal.map_or(0.0, |normal| {
+            (body.felt(contact) - normal).norm() / contact.normal_deviation.hypot(INEXACT.1)
+        });
+        off * off + turned * turned
+    };
+    contacts.iter().map(one).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::{Options, simulate};
+    use crate::slam::reconstruct::place;
+    use crate::slam::track;
+
+    /// Contacts of an object at their true places, such a share of them wild, and which are.
+    fn felt(object: &str, seed: u64, outliers: f64) -> (usize, Vec<Contact>, Vec<bool>) {
+        let placed = |outliers: f64| {
+            let options = Options { seed, outliers, ..Options::new(object.parse().unwrap()) };
+            let log = simulate(&options).unwrap().log;
+            let steps = track::truth(&log).unwrap();
+            let contacts = place(&log, &steps).into_iter().map(|p| p.contact).collect();
+            (log.dimension, contacts)
+        };
+        // A seed means the same touches whatever else.
+        let (dimension, contacts): (usize, Vec<Contact>) = placed(outliers);
+        let clean = placed(0.0).1;
+        let wild = contacts.iter().zip(&clean).map(|(a, b)| a.point != b.point).collect();
+        (dimension, contacts, wild)
+    }
+
+    #[test]
+    fn wild_contacts_on_round_objects_are_found_and_no_others() {
+        for object in
+            ["ellipse:0.1x0.06", "sphere:0.08", "ellipsoid:0.1x0.07x0.05", "cylinder:0.05x0.12"]
+        {
+            for seed in 0..3 {
+                let (dimension, contacts, wild) = felt(object, seed, 0.1);
+                let trusted = trusted(dimension, &contacts);
+                let both = || trusted.iter().zip(&wild);
+                let found = both().filter(|(trusted, wild)| !**trusted && **wild).count();
+                let lost = both().filter(|(trusted, wild)| !**trusted && !**wild).count();
+                let all = wild.iter().filter(|wild| **wild).count();
+                // Some lie where the surface is, or nearly.
+                assert!(all >= 2 && found + 2 >= all, "{object} {seed}: {found} of {all}");
+                assert!(lost <= 1, "{object} {seed}: {lost}");
+            }
+        }
+    }
+
+    #[test]
+    fn where_no_contact_is_wild_none_is_left_out() {
+        let hollow = ["lshape:0.09x0.09x0.035", "tshape:0.1x0.08x0.03"];
+        for object in
+            ["ellipse:0.1x0.06", "hexagon:0.045", "cylinder:0.05x0.12"].iter().chain(&hollow)
+        {
+            for seed in 0..3 {
+                let (dimension, contacts, _) = felt(object, seed, 0.0);
+                let lost = trusted(dimension, &contacts).iter().filter(|t| !**t).count();
+                assert!(lost <= 1, "{object} {seed}: {lost}");
+            }
+        }
+    }
+
+    #[test]
+    fn many_wild_contacts_or_few_contacts_are_no_reason() {
+        let (dimension, contacts, _) = felt("ellipse:0.1x0.06", 0, 0.4);
+        assert!(trusted(dimension, &contacts).iter().all(|t| *t));
+        let (dimension, contacts, wild) = felt("ellipse:0.1x0.06", 0, 0.1);
+        let first = wild.iter().position(|wild| *wild).unwrap();
+        let few = &contacts[first.saturating_sub(5)..][..6];
+        assert!(trusted(dimension, few).iter().all(|t| *t));
+        assert!(trusted(dimension, &[]).is_empty());
+        let same = [contacts[0]; 30];
+        assert_eq!(trusted(dimension, &same).len(), 30);
+    }
+}
