@@ -22,6 +22,8 @@ mod hollow;
 mod moved;
 mod turned;
 
+pub(crate) use fit::MISFIT;
+
 /// The convex quadric √((p − c)ᵀ A (p − c)) = 1 + t·(p − c) with A positive semi-definite. Without the
 /// taper t it is that of the thesis (2.19 and 2.20; an eigenvalue of zero makes a cylinder); with one it
 /// may be a cone, too, or one sheet of a hyperboloid, and holds its centre c all the same. As a distance

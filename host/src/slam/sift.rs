@@ -6,15 +6,11 @@
 
 use super::choose::only;
 use super::fit::{explains, rounds};
-use crate::reference::body::Body;
+use crate::reference::body::{Body, MISFIT};
 use crate::reference::{Contact, Faces, Mean, Prior};
 
 /// χ² of a contact on the body, with what no body fits exactly, from which on it is wild.
 const STRANGE: f64 = 16.0;
-
-/// What no body fits exactly: deviations of the point, in multiples of the object's radius, and of the normal,
-/// radians.
-const INEXACT: (f64, f64) = (0.02, 0.1);
 
 /// Wild contacts bend the first body, so at first only those are left out that are nearly as strange as the
 /// strangest: whose χ² is more than this part of its.
@@ -95,9 +91,9 @@ fn agree(one: &Contact, other: &Contact, radius: f64) -> bool {
 /// χ² of each contact.
 fn strangeness(body: &Body, radius: f64, contacts: &[Contact]) -> Vec<f64> {
     let one = |contact: &Contact| {
-        let off = body.value(&contact.point) / contact.point_deviation.hypot(INEXACT.0 * radius);
+        let off = body.value(&contact.point) / contact.point_deviation.hypot(MISFIT.0 * radius);
         let turned = contact.normal.map_or(0.0, |normal| {
-            (body.felt(contact) - normal).norm() / contact.normal_deviation.hypot(INEXACT.1)
+            (body.felt(contact) - normal).norm() / contact.normal_deviation.hypot(MISFIT.1)
         });
         off * off + turned * turned
     };

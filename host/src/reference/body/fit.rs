@@ -10,7 +10,7 @@ use crate::space::Point;
 
 /// What no body fits exactly: deviations added to the contacts', of the point in multiples of the
 /// object's radius and of the normal in radians.
-const MISFIT: (f64, f64) = (0.02, 0.1);
+pub(crate) const MISFIT: (f64, f64) = (0.02, 0.1);
 
 /// Standard deviation of a body's parameters before any contact, in radii and inverse radii of the
 /// ball about it; a plane's direction is anybody's guess.
