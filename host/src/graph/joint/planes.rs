@@ -378,7 +378,8 @@ pub(super) fn criterion(problem: &Problem, found: &Corrected) -> f64 {
         let on = of_faces.iter().map(|face| problem.on(face, &contact));
         let edges = ridge::near(problem, &numbered, &contact, |_| contact.point_deviation);
         let on_edge = edges.iter().map(|(_, ridge)| ridge.cost(problem, &contact, 1.0));
-        on.chain(on_edge).fold(f64::INFINITY, f64::min) - problem.exact(&contact)
+        let on = on.chain(on_edge).fold(f64::INFINITY, f64::min);
+        problem.or_wild(&contact, on).0 - problem.exact(&contact)
     };
     let centre = problem.middle(&poses);
     let motion = |k: usize| problem.moved(k, &poses[k - 1], &poses[k], &centre);

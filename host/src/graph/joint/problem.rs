@@ -20,6 +20,10 @@ const LEAST_EXTENT: f64 = 0.02;
 /// What a face costs before it has explained anything, −ln of how readily a new one is believed.
 const NEW: f64 = 1.5;
 
+/// Nats by which a wild contact is rarer than a face that one contact feels: a single one is reason for a
+/// flat end.
+const RARE: f64 = 5.0;
+
 /// A contact in the world frame, and who felt it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Felt {
@@ -232,6 +236,14 @@ impl Problem {
         if contact.normal.is_some() { self.vague() } else { self.extent.ln() + NEW }
     }
 
+    /// What a contact costs, nats, that is of the object, which alone costs `on` ([`Problem::exact`] among
+    /// it), or wild; and the chance that it is of the object.
+    pub fn or_wild(&self, contact: &Contact, on: f64) -> (f64, f64) {
+        let wild = RARE + self.unexplained(contact);
+        let less = if on < wild { on } else { wild };
+        (less - (-(on - wild).abs()).exp().ln_1p(), 1.0 / (1.0 + (on - wild).exp()))
+    }
+
     /// −ln of the density of a contact that fits its face exactly.
     pub fn exact(&self, contact: &Contact) -> f64 {
         let root = std::f64::consts::TAU.sqrt();
@@ -258,4 +270,30 @@ impl Problem {
 
 fn finite(pose: &Pose) -> bool {
     pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|v| v.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::{Options, simulate};
+
+    #[test]
+    fn a_contact_costs_what_the_likelier_of_two_things_costs() {
+        let log = simulate(&Options::new("box:0.1x0.06x0.05".parse().unwrap())).unwrap().log;
+        let problem = Problem::new(&log);
+        let contact = problem.felt[0].contact;
+        let [exact, wild] = [problem.exact(&contact), RARE + problem.unexplained(&contact)];
+        assert!(wild > exact + 5.0);
+        let mut before = (f64::NEG_INFINITY, 1.0);
+        for more in 0..400 {
+            let on = exact + 0.1 * f64::from(more);
+            let (cost, chance) = problem.or_wild(&contact, on);
+            assert!(cost > before.0 && chance < before.1);
+            assert!(cost <= on.min(wild) && cost >= on.min(wild) - 2.0f64.ln());
+            before = (cost, chance);
+        }
+        let (cost, chance) = problem.or_wild(&contact, f64::INFINITY);
+        assert!(cost == wild && chance == 0.0);
+        assert!(problem.or_wild(&contact, f64::NAN).0.is_nan());
+    }
 }

@@ -11,6 +11,11 @@
 //! neither's, and a hand that knows points to a tenth of a millimetre need not know directions as well.
 //! Believed to be exact, a few normals bend the whole trajectory.
 //!
+//! A contact may be wild: then it costs what that is worth and has no say. A kernel that only weakens what is
+//! far off lets a tenth of the contacts bend body and normals until a wrong trajectory is the likeliest. But
+//! what is far off in poses that are not yet known is not wild, so a new grasp's pose, and poses that were
+//! given, are first sought where every contact pulls.
+//!
 //! An object's end may be felt by one contact of a grasp, and elsewhere by another grasp, for along its
 //! sides nobody knew where it was. So one contact that the sides do not explain is reason enough for an
 //! end, which then tells where the other grasps were.
@@ -70,6 +75,8 @@ struct Hypothesis {
     body: Round,
     /// Centre and radius of the ball about the contacts, to which the body is drawn.
     ball: (Point, f64),
+    /// Whether contacts may be wild, which cost so much and pull no more.
+    bounded: bool,
     /// Nats: contacts, motions, the pull to the ball, and the price of the body's numbers.
     cost: f64,
 }
@@ -199,13 +206,24 @@ fn backwards<const D: usize>(problem: &Problem, first: Option<Pose>) -> Vec<Hypo
 /// The likeliest hypothesis near these poses: the body is fitted to them first, so that it does not pull
 /// them to what it begins as.
 fn near<const D: usize>(problem: &Problem, poses: &[Pose]) -> Option<Hypothesis> {
-    let poses = poses.to_vec();
     if poses.len() != problem.grasps() {
         return None;
     }
-    let ball = ball(problem, &poses)?;
-    let body = Round::ball(problem.dimension, &ball);
-    let mut ball = Hypothesis { poses, body, ball, cost: f64::INFINITY };
+    let ball = ball(problem, poses)?;
+    // Where poses are off by more than contacts err, all of them look wild: then every contact pulls first.
+    let both = [false, true].map(|bounded| {
+        let body = Round::ball(problem.dimension, &ball);
+        let poses = poses.to_vec();
+        let one = Hypothesis { poses, body, ball, bounded, cost: f64::INFINITY };
+        settled::<D>(problem, one)
+    });
+    let mut all = both.concat();
+    best(&mut all);
+    all.into_iter().next()
+}
+
+/// A ball's hypothesis with the sides and ends that its poses ask for, and then the likeliest near it.
+fn settled<const D: usize>(problem: &Problem, mut ball: Hypothesis) -> Vec<Hypothesis> {
     descend::<D>(problem, &mut ball, FINALLY, Free::Body);
     let mut all = simpler::<D>(problem, ball, Free::Body);
     for one in &mut all {
@@ -217,11 +235,11 @@ fn near<const D: usize>(problem: &Problem, poses: &[Pose]) -> Option<Hypothesis>
             }
         }
         descend::<D>(problem, one, FINALLY, Free::All);
+        one.bounded = true;
         *one = with_ends::<D>(problem, one.clone(), Free::All);
         descend::<D>(problem, one, FINALLY, Free::All);
     }
-    best(&mut all);
-    all.into_iter().next()
+    all
 }
 
 /// The ball about the first grasp's contacts.
@@ -230,7 +248,7 @@ fn begin(problem: &Problem, first: Option<Pose>) -> Option<Hypothesis> {
     let poses = vec![pose];
     let ball = ball(problem, &poses)?;
     let body = Round::ball(problem.dimension, &ball);
-    Some(Hypothesis { poses, body, ball, cost: f64::INFINITY })
+    Some(Hypothesis { poses, body, ball, bounded: true, cost: f64::INFINITY })
 }
 
 fn ball(problem: &Problem, poses: &[Pose]) -> Option<(Point, f64)> {

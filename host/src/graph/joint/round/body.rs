@@ -239,11 +239,21 @@ pub(super) struct Field<'a> {
 }
 
 impl Field<'_> {
+    /// A contact with the deviations that its residual is in, and with those where normals are as exact as
+    /// they usually are.
+    pub fn widened(&self, contact: &Contact) -> [Contact; 2] {
+        [self.rough, ROUGH[0]].map(|rough| Contact {
+            point_deviation: contact.point_deviation.hypot(self.misfit),
+            normal_deviation: contact.normal_deviation.hypot(rough),
+            ..*contact
+        })
+    }
+
     /// Distance of a contact (object frame) from the body's surface and the difference of its normal
     /// from that of the part it suits best, which may be the edge between the sides and an end.
     pub fn residual(&self, contact: &Contact) -> Residual {
-        let exact = contact.point_deviation.hypot(self.misfit).recip();
-        let turned = contact.normal_deviation.hypot(self.rough).recip();
+        let [Contact { point_deviation, normal_deviation, .. }, _] = self.widened(contact);
+        let [exact, turned] = [point_deviation.recip(), normal_deviation.recip()];
         let sides = self.sides.at(&contact.point);
         let ends = self.ends.iter().map(|end| (end.value(&contact.point), end.normal));
         let most = ends.clone().map(|end| end.0).fold(sides.0, f64::max);

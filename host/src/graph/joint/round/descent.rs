@@ -17,12 +17,33 @@ const ALONE: usize = 8;
 /// Difference of a number for its slope, in metres, radians or parts of a radius.
 const NUDGE: f64 = 1e-6;
 
-/// A contact's cost and the weights of its distance and its normal.
-fn robust(problem: &Problem, residual: &Residual) -> (f64, [f64; 2]) {
+/// What a contact costs, which is of the body or wild.
+pub(super) struct Touched {
+    /// Nats, about zero for one that fits exactly, with normals as exact as they usually are.
+    pub(super) cost: f64,
+    /// Of it, what its residual would cost if it were of the body.
+    pub(super) misfit: f64,
+    /// Of its distance and its normal, in least squares of the same gradient.
+    weights: [f64; 2],
+}
+
+/// The cost of a residual of this contact, `bounded` by the contact's being wild. Without that, what is far
+/// off still pulls, as it should on the way to what is not yet known.
+fn touched(
+    problem: &Problem,
+    field: &Field<'_>,
+    contact: &Contact,
+    residual: &Residual,
+    bounded: bool,
+) -> Touched {
     let off = problem.kernel.cost(residual[0].powi(2) + residual[4].powi(2));
     let turned = problem.kernel.cost(residual.fixed_rows::<3>(1).norm_squared());
-    let edge = 0.5 * residual[5].powi(2);
-    (off.0 + turned.0 + edge, [off.1.sqrt(), turned.1.sqrt()])
+    let misfit = off.0 + turned.0 + 0.5 * residual[5].powi(2);
+    let [contact, usual] = field.widened(contact);
+    let on = misfit + problem.exact(&contact);
+    let (cost, chance) = if bounded { problem.or_wild(&contact, on) } else { (on, 1.0) };
+    let weights = [off.1, turned.1].map(|weight| (chance * weight).sqrt());
+    Touched { cost: cost - problem.exact(&usual), misfit, weights }
 }
 
 fn weighted<const C: usize>(mut rows: SMatrix<f64, 6, C>, weights: [f64; 2]) -> SMatrix<f64, 6, C> {
@@ -58,6 +79,8 @@ struct Alone<'a> {
     after: Option<&'a Pose>,
     /// What slips turn about, object frame.
     centre: Point,
+    /// Whether contacts may be wild.
+    bounded: bool,
 }
 
 impl Alone<'_> {
@@ -76,7 +99,8 @@ impl Alone<'_> {
         let inverse = pose.inverse();
         let contact = |i: usize| {
             let placed = self.problem.felt[i].contact.transformed(&inverse);
-            robust(self.problem, &self.field.residual(&placed)).0
+            let residual = self.field.residual(&placed);
+            touched(self.problem, &self.field, &placed, &residual, self.bounded).cost
         };
         let motion = |(step, _): (factors::Step, bool)| {
             self.problem.slip.cost(step.residual.norm_squared()).0
@@ -91,8 +115,10 @@ impl Alone<'_> {
         let (inverse, chosen) = (pose.inverse(), axes::<D>());
         for i in self.problem.of(self.grasp) {
             let felt = &self.problem.felt[i].contact;
-            let residual = self.field.residual(&felt.transformed(&inverse));
-            let weights = robust(self.problem, &residual).1;
+            let placed = felt.transformed(&inverse);
+            let residual = self.field.residual(&placed);
+            let Touched { weights, .. } =
+                touched(self.problem, &self.field, &placed, &residual, self.bounded);
             let rows = weighted(by_pose::<D>(&self.field, felt, pose, &residual), weights);
             square += rows.tr_mul(&rows);
             slope += rows.tr_mul(&weighted(residual, weights));
@@ -106,6 +132,34 @@ impl Alone<'_> {
         }
         (square, slope)
     }
+
+    /// The pose of least cost from `start` on, with its cost, by Levenberg–Marquardt.
+    fn least<const D: usize>(&self, start: Pose) -> Option<(f64, Pose)> {
+        let (mut pose, mut cost, mut damping) = (start, self.cost(&start), 1e-3);
+        for _ in 0..ALONE {
+            let (square, slope) = self.linearised::<D>(&pose);
+            let mut gained = 0.0;
+            for _ in 0..4 {
+                let mut damped = square;
+                for i in 0..D {
+                    damped[(i, i)] *= 1.0 + damping;
+                }
+                let moved = displaced(&pose, &-Cholesky::new(damped)?.solve(&slope));
+                let lower = self.cost(&moved);
+                if lower < cost {
+                    gained = cost - lower;
+                    (pose, cost) = (moved, lower);
+                    damping = (0.1 * damping).max(1e-9);
+                    break;
+                }
+                damping *= 10.0;
+            }
+            if gained < 1e-2 {
+                break;
+            }
+        }
+        cost.is_finite().then_some((cost, pose))
+    }
 }
 
 /// A grasp's pose of least cost from `start` on, the body and all other poses as they are; with its
@@ -116,38 +170,18 @@ pub(super) fn alone<const D: usize>(
     grasp: usize,
     start: Pose,
 ) -> Option<(f64, Pose)> {
-    let fit = Alone {
+    let mut fit = Alone {
         problem,
         field: one.body.field(one.ball.1)?,
         grasp,
         before: one.poses.get(grasp.checked_sub(1)?)?,
         after: one.poses.get(grasp + 1),
         centre: problem.middle(&one.poses),
+        bounded: false,
     };
-    let (mut pose, mut cost, mut damping) = (start, fit.cost(&start), 1e-3);
-    for _ in 0..ALONE {
-        let (square, slope) = fit.linearised::<D>(&pose);
-        let mut gained = 0.0;
-        for _ in 0..4 {
-            let mut damped = square;
-            for i in 0..D {
-                damped[(i, i)] *= 1.0 + damping;
-            }
-            let moved = displaced(&pose, &-Cholesky::new(damped)?.solve(&slope));
-            let lower = fit.cost(&moved);
-            if lower < cost {
-                gained = cost - lower;
-                (pose, cost) = (moved, lower);
-                damping = (0.1 * damping).max(1e-9);
-                break;
-            }
-            damping *= 10.0;
-        }
-        if gained < 1e-2 {
-            break;
-        }
-    }
-    cost.is_finite().then_some((cost, pose))
+    let near = fit.least::<D>(start)?.1;
+    fit.bounded = true;
+    fit.least::<D>(near)
 }
 
 /// The pose displaced by `D` numbers of a tangent.
@@ -165,11 +199,14 @@ pub(super) fn price(problem: &Problem, grasps: usize, numbers: usize) -> f64 {
     0.5 * numbers as f64 * measured.ln()
 }
 
-/// What every contact costs.
-pub(super) fn unexplained(problem: &Problem, one: &Hypothesis) -> Vec<f64> {
+/// What every contact costs; none where the body is none.
+pub(super) fn touches(problem: &Problem, one: &Hypothesis) -> Vec<Touched> {
     let Some(field) = one.body.field(one.ball.1) else { return Vec::new() };
-    let cost = |i| robust(problem, &field.residual(&problem.placed(&one.poses, i))).0;
-    (0..problem.starts[one.poses.len()]).map(cost).collect()
+    let touched = |i| {
+        let placed = problem.placed(&one.poses, i);
+        touched(problem, &field, &placed, &field.residual(&placed), one.bounded)
+    };
+    (0..problem.starts[one.poses.len()]).map(touched).collect()
 }
 
 /// Nats from which on a contact is not explained: four deviations, by distance or normal.
@@ -177,21 +214,21 @@ const WILD: f64 = 5.5;
 
 /// Share of the contacts that it does not explain.
 pub(super) fn wild(problem: &Problem, one: &Hypothesis) -> f64 {
-    let costs = unexplained(problem, one);
-    let wild = costs.iter().filter(|cost| !(**cost < WILD)).count();
-    wild as f64 / costs.len().max(1) as f64
+    let touches = touches(problem, one);
+    let wild = touches.iter().filter(|touched| !(touched.misfit < WILD)).count();
+    wild as f64 / touches.len().max(1) as f64
 }
 
 /// A hypothesis of the whole log with its covariances, and how well it explains the contacts; `None`
 /// where those are not finite.
 pub(super) fn followed<const D: usize>(problem: &Problem, one: &Hypothesis) -> Option<Followed> {
-    let costs = unexplained(problem, one);
-    let explained: Vec<f64> = costs.iter().copied().filter(|cost| *cost < WILD).collect();
+    let touches = touches(problem, one);
+    let explained: Vec<f64> =
+        touches.iter().map(|touched| touched.misfit).filter(|misfit| *misfit < WILD).collect();
     let (poses, body) = (one.poses.len(), one.body.freedom(problem.dimension));
     let rest = one.cost
-        - costs.iter().sum::<f64>()
+        - touches.iter().map(|touched| touched.cost).sum::<f64>()
         - price(problem, poses, body)
-        - roughness(problem, poses, &one.body)
         - 0.5 * one.body.oddity(problem.dimension, &one.ball).norm_squared();
     // As many numbers say how the object moved as are sought for it.
     let degrees = (explained.len() * problem.dimension) as f64 - body as f64;
@@ -209,21 +246,11 @@ pub(super) fn followed<const D: usize>(problem: &Problem, one: &Hypothesis) -> O
     })
 }
 
-/// What it costs that normals are less exact than they would usually be, nats.
-fn roughness(problem: &Problem, grasps: usize, body: &Round) -> f64 {
-    let felt = problem.felt[..problem.starts[grasps]].iter();
-    let wider = felt.filter(|felt| felt.contact.normal.is_some()).map(|felt| {
-        let known = felt.contact.normal_deviation;
-        (known.hypot(body.rough) / known.hypot(ROUGH[0])).ln()
-    });
-    (problem.dimension - 1) as f64 * wider.sum::<f64>()
-}
-
 /// With normals as exact as is likeliest, and what all of it costs then.
 fn roughened(problem: &Problem, one: &mut Hypothesis) -> Option<f64> {
     let tried = ROUGH.into_iter().filter_map(|rough| {
         let body = Round { rough, ..one.body.clone() };
-        Some((cost(problem, &one.poses, &body, &one.ball)?, rough))
+        Some((cost(problem, one, &one.poses, &body)?, rough))
     });
     let (least, rough) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
     one.body.rough = rough;
@@ -231,15 +258,15 @@ fn roughened(problem: &Problem, one: &mut Hypothesis) -> Option<f64> {
 }
 
 /// What a hypothesis costs at these poses and with this body.
-fn cost(problem: &Problem, poses: &[Pose], body: &Round, ball: &(Point, f64)) -> Option<f64> {
-    let field = body.field(ball.1)?;
+fn cost(problem: &Problem, one: &Hypothesis, poses: &[Pose], body: &Round) -> Option<f64> {
+    let field = body.field(one.ball.1)?;
     let inverses: Vec<Pose> = poses.iter().map(Pose::inverse).collect();
     let count = problem.starts[poses.len()];
     let contacts: f64 = problem.felt[..count]
         .iter()
         .map(|felt| {
             let placed = felt.contact.transformed(&inverses[felt.grasp]);
-            robust(problem, &field.residual(&placed)).0
+            touched(problem, &field, &placed, &field.residual(&placed), one.bounded).cost
         })
         .sum();
     let centre = problem.middle(poses);
@@ -252,11 +279,8 @@ fn cost(problem: &Problem, poses: &[Pose], body: &Round, ball: &(Point, f64)) ->
         })
         .sum();
     let price = price(problem, poses.len(), body.freedom(problem.dimension));
-    let total = contacts
-        + motions
-        + roughness(problem, poses.len(), body)
-        + 0.5 * body.oddity(problem.dimension, ball).norm_squared()
-        + price;
+    let oddity = 0.5 * body.oddity(problem.dimension, &one.ball).norm_squared();
+    let total = contacts + motions + oddity + price;
     total.is_finite().then_some(total)
 }
 
@@ -296,7 +320,7 @@ pub(super) fn descend<const D: usize>(
                 for (pose, step) in poses.iter_mut().skip(1).zip(&turns) {
                     *pose = displaced(pose, step);
                 }
-                let lower = cost(problem, &poses, &body, &one.ball)?;
+                let lower = cost(problem, one, &poses, &body)?;
                 (lower < least).then_some((lower, poses, body))
             });
             if let Some((lower, poses, body)) = tried {
@@ -332,7 +356,7 @@ fn linearise<const D: usize>(problem: &Problem, one: &Hypothesis) -> Option<Arro
         let pose = &one.poses[felt.grasp];
         let placed = felt.contact.transformed(&pose.inverse());
         let residual = field.residual(&placed);
-        let weights = robust(problem, &residual).1;
+        let Touched { weights, .. } = touched(problem, &field, &placed, &residual, one.bounded);
         let mut by_body = OMatrix::<f64, Const<6>, Dyn>::zeros(width);
         for (j, other) in fields.iter().enumerate() {
             by_body.set_column(j, &weighted((other.residual(&placed) - residual) / NUDGE, weights));

@@ -1,7 +1,7 @@
 //! Of which parts a round body is made: whether its side is a cylinder, and which flat ends it has.
 
 use super::body::Side;
-use super::descent::{Free, descend, price, unexplained};
+use super::descent::{Free, descend, price, touches};
 use super::{Hypothesis, TOGETHER};
 use crate::graph::joint::problem::Problem;
 use crate::graph::joint::tangent::Face;
@@ -61,7 +61,7 @@ pub(super) fn with_ends<const D: usize>(
 /// Planes through contacts that the body does not explain, those that promise most first. One contact
 /// is enough: where an object slides along itself, other grasps felt the same end elsewhere.
 pub(super) fn candidates(problem: &Problem, one: &Hypothesis) -> Vec<Face> {
-    let costs = unexplained(problem, one);
+    let costs: Vec<f64> = touches(problem, one).iter().map(|touched| touched.cost).collect();
     let placed: Vec<Contact> = (0..costs.len()).map(|i| problem.placed(&one.poses, i)).collect();
     let price = price(problem, one.poses.len(), one.body.numbers(problem.dimension).1);
     let mut planes: Vec<(f64, Face)> = Vec::new();

@@ -1,5 +1,5 @@
 use super::body::{ROUGH, Side};
-use super::descent::unexplained;
+use super::descent::touches;
 use super::parts::candidates;
 use super::*;
 use crate::experiment::tracking::judge::{Judgement, Truth, judge};
@@ -135,7 +135,7 @@ fn one_contact_is_reason_for_an_end() {
         };
         let ball = (Point::zeros(), 0.04);
         let poses = vec![Pose::identity()];
-        candidates(&problem, &Hypothesis { poses, body, ball, cost: 0.0 })
+        candidates(&problem, &Hypothesis { poses, body, ball, bounded: true, cost: 0.0 })
     };
     assert!(of(&felt).is_empty());
     felt.push(touch(Point::new(0.01, 0.0, 0.04), Point::z()));
@@ -157,16 +157,27 @@ fn only_what_is_round_is_a_round_body() {
 }
 
 #[test]
+fn wild_contacts_neither_bend_the_trajectory_nor_make_normals_rough() {
+    for seed in [700, 703] {
+        let log = slipping("ellipsoid:0.1x0.07x0.05", 12, seed, 0.15).log;
+        let [found, near] = [found(&log), near_truth(&log)].map(|mut all| all.swap_remove(0));
+        assert!(found.cost < near.cost + 1.0, "{seed}: {} {}", found.cost, near.cost);
+        assert!(!found.rough && found.per_degree < 1.2 && found.wild > 0.05, "{seed}: {found:?}");
+    }
+}
+
+#[test]
 fn at_the_true_poses_stay_the_body_alone_is_fitted() {
     let log = slipping("ellipsoid:0.1x0.08x0.05", 8, 7, 0.0).log;
     let problem = Problem::new(&log);
     let poses: Vec<Pose> = log.grasps.iter().map(|g| g.truth.unwrap()).collect();
     let ball = ball(&problem, &poses).unwrap();
     let body = Round::ball(3, &ball);
-    let mut one = Hypothesis { poses: poses.clone(), body, ball, cost: f64::INFINITY };
+    let cost = f64::INFINITY;
+    let mut one = Hypothesis { poses: poses.clone(), body, ball, bounded: true, cost };
     descend::<6>(&problem, &mut one, FINALLY, Free::Body);
     assert!(one.poses.iter().zip(&poses).all(|(a, b)| local(a, b).norm() < 1e-12));
-    assert!(unexplained(&problem, &one).iter().all(|cost| *cost < 9.0));
+    assert!(touches(&problem, &one).iter().all(|touched| touched.misfit < 9.0));
     let Side::Quadric(root) = one.body.side else { panic!("a quadric") };
     let mut axes: Vec<f64> = nalgebra::SymmetricEigen::new(root * root.transpose())
         .eigenvalues
@@ -288,14 +299,14 @@ fn normals_need_not_be_as_exact_as_they_are_said_to_be() {
 
 #[test]
 fn the_log_backwards_tells_what_it_does_not_forwards() {
-    for seed in [405, 410] {
+    for (seed, gained) in [(405, 10.0), (410, 1.0)] {
         let log = slipping("cylinder:0.05x0.08", 8, seed, 0.0).log;
         let problem = Problem::new(&log);
         let first = log.grasps[0].truth;
         let least = |all: &[Hypothesis]| all.first().map_or(f64::INFINITY, |one| one.cost);
         let ahead = least(&follow::<6>(&problem, first));
         let back = backwards::<6>(&problem, first);
-        assert!(least(&back) < ahead - 10.0, "{seed}: {ahead} {}", least(&back));
+        assert!(least(&back) < ahead - gained, "{seed}: {ahead} {}", least(&back));
         // In the frame of the first grasp, as if the log had been followed forwards.
         assert_eq!(Some(back[0].poses[0]), first);
         let near = trajectories::<6>(&problem, &[back[0].poses.clone()], false);
