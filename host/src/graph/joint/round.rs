@@ -122,9 +122,9 @@ impl Followed {
 }
 
 /// The likeliest trajectories of an object that is a quadric with flat ends, best first, near those that
-/// are `given`, which all have the same first pose; none for longer logs than would be quick, or where a number is
-/// not finite. With `search` the log is also followed without them, forwards and backwards, and single
-/// grasps are tried at other poses.
+/// are `given`, which all have the same first pose; none for longer logs than would be quick, or where a
+/// number is not finite. With `search` the log is also followed without them, forwards and backwards, and
+/// single grasps are tried at other poses.
 pub fn trajectories<const D: usize>(
     problem: &Problem,
     given: &[Vec<Pose>],

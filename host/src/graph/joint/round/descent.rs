@@ -214,7 +214,10 @@ const WILD: f64 = 5.5;
 
 /// Share of the contacts that it does not explain.
 pub(super) fn wild(problem: &Problem, one: &Hypothesis) -> f64 {
-    let touches = touches(problem, one);
+    share_wild(&touches(problem, one))
+}
+
+fn share_wild(touches: &[Touched]) -> f64 {
     let wild = touches.iter().filter(|touched| !(touched.misfit < WILD)).count();
     wild as f64 / touches.len().max(1) as f64
 }
@@ -237,7 +240,7 @@ pub(super) fn followed<const D: usize>(problem: &Problem, one: &Hypothesis) -> O
     Some(Followed {
         poses: one.poses.clone(),
         cost: one.cost,
-        wild: wild(problem, one),
+        wild: share_wild(&touches),
         per_degree: 2.0 * (explained.iter().sum::<f64>() + rest) / degrees.max(1.0),
         round: one.body.is_round(one.ball.1),
         rough: one.body.rough > ROUGH[0],
