@@ -1,7 +1,10 @@
 //! Closed outlines of a planar field: marching squares, then a root search along every crossed
-//! lattice edge.
+//! lattice edge, and the corners between them.
+
+use std::collections::BTreeMap;
 
 use super::lattice::{Lattice, LatticeError, Samples, deviations_at, values_at};
+use super::settle::{Tangent, meeting, settle, tangents};
 use super::{Field, Outline};
 use crate::space::Point;
 
@@ -13,6 +16,9 @@ const MOST_STEPS: usize = 24;
 
 /// How far out of the box a cut-off outline is closed, in lattice spacings.
 const CUT: f64 = 0.01;
+
+/// Vertices nearer than this, in spacings, are one.
+const SAME: f64 = 1e-6;
 
 /// The least share of the contacts that makes a component part of the object.
 const LEAST_SHARE: f64 = 0.1;
@@ -32,8 +38,8 @@ pub struct Contour {
 }
 
 /// The whole zero set of `field` within the box `bounds` (corners, metres; z is ignored) on a
-/// lattice `spacing` metres apart. Vertices are on the field to 0.1 µm where it is continuous;
-/// an object that reaches the edge of the box is closed along it. Features thinner than `spacing`
+/// lattice `spacing` metres apart. Vertices are on the field to 0.1 µm where it is continuous,
+/// among them one for every corner; an object that reaches the edge of the box is closed along it. Features thinner than `spacing`
 /// can be missed; every component is kept, see [`Contour::touched`].
 pub fn extract(
     field: &dyn Field,
@@ -72,7 +78,7 @@ fn trace(field: &dyn Field, lattice: &Lattice, samples: &Samples) -> (Outline, b
         }
         // A crossing at a node itself is found by up to four edges.
         let apart = |a: &[f64; 2], b: &[f64; 2]| {
-            (a[0] - b[0]).hypot(a[1] - b[1]) > 1e-6 * lattice.spacing()
+            (a[0] - b[0]).hypot(a[1] - b[1]) > SAME * lattice.spacing()
         };
         vertices.dedup_by(|b, a| !apart(a, b));
         while vertices.len() > 1 && !apart(&vertices[0], &vertices[vertices.len() - 1]) {
@@ -82,7 +88,60 @@ fn trace(field: &dyn Field, lattice: &Lattice, samples: &Samples) -> (Outline, b
             loops.push(vertices);
         }
     }
+    add_corners(field, lattice, &mut loops);
     (Outline { loops }, samples.clipped)
+}
+
+/// Puts a vertex on each corner that the outline has between two crossings.
+fn add_corners(field: &dyn Field, lattice: &Lattice, loops: &mut [Vec<[f64; 2]>]) {
+    let mut sides = Vec::new();
+    for vertices in loops.iter() {
+        let (first, count) = (sides.len(), vertices.len());
+        sides.extend((0..count).map(|at| [first + at, first + (at + 1) % count]));
+    }
+    let vertices: Vec<Point> =
+        loops.iter().flatten().map(|v| Point::new(v[0], v[1], 0.0)).collect();
+    let corners = corners(field, lattice.spacing(), &vertices, &sides);
+    let mut names = 0..;
+    for vertices in loops {
+        let with_corner = |vertex: [f64; 2]| {
+            let corner = names.next().and_then(|name| corners.get(&name));
+            [vertex].into_iter().chain(corner.map(|p| [p.x, p.y]))
+        };
+        *vertices = std::mem::take(vertices).into_iter().flat_map(with_corner).collect();
+    }
+}
+
+/// The corners between the ends of sides, each by the first of these.
+fn corners(
+    field: &dyn Field,
+    spacing: f64,
+    vertices: &[Point],
+    sides: &[[usize; 2]],
+) -> BTreeMap<usize, Point> {
+    // Where the object was cut off, vertices are not on the field.
+    let is_on = |t: &Tangent, vertex: &Point| t.distance(vertex).abs() < CUT * spacing;
+    let touching = tangents(field, spacing, vertices).into_iter().zip(vertices);
+    let touching: Vec<_> = touching.map(|(t, vertex)| t.filter(|t| is_on(t, vertex))).collect();
+    let corner = |side: &[usize; 2]| {
+        let [one, other] = side.map(|v| touching[v]);
+        let (one, other) = (one?, other?);
+        let middle = 0.5 * (vertices[side[0]] + vertices[side[1]]);
+        let point = meeting(&[one, other], &middle).point;
+        let is_corner = one.is_over_edge(&other) && (point - middle).norm() <= spacing;
+        is_corner.then_some((*side, point))
+    };
+    let (sides, mut found): (Vec<_>, Vec<Point>) = sides.iter().filter_map(corner).unzip();
+    settle(field, spacing, &(0..found.len()).collect::<Vec<_>>(), &mut found);
+    let values = values_at(field, &found);
+    let is_new = |point: &Point, side: &[usize; 2]| {
+        side.iter().all(|v| (point - vertices[*v]).norm() > SAME * spacing)
+    };
+    let judged = sides.into_iter().zip(found).zip(values);
+    judged
+        .filter(|((side, point), value)| value.abs() <= 10.0 * ON_SURFACE && is_new(point, side))
+        .map(|((side, point), _)| (side[0], point))
+        .collect()
 }
 
 impl Contour {
@@ -379,6 +438,21 @@ mod tests {
         assert!((areas(&contour)[0] / exact - 1.0).abs() < 2e-3);
         let widest = contour.outline.loops[0].iter().map(|v| v[0]).fold(0.0, f64::max);
         assert!((widest - 0.06).abs() < 1e-6);
+    }
+
+    #[test]
+    fn corners_are_vertices() {
+        // An L askew: five corners out, one in.
+        let (sin, cos) = 0.4_f64.sin_cos();
+        let f = |x: f64, y: f64| {
+            let (x, y) = (cos * x + sin * y, cos * y - sin * x);
+            (x.abs() - 0.06).max(y.abs() - 0.04).max(x.min(y) - 0.0012)
+        };
+        let contour = trace(f, 0.004);
+        let exact = 0.12 * 0.08 - (0.06 - 0.0012) * (0.04 - 0.0012);
+        assert!((areas(&contour)[0] / exact - 1.0).abs() < 1e-6, "{:?} {exact}", areas(&contour));
+        assert_eq!(contour.deviations.len(), contour.outline.loops[0].len());
+        assert!(contour.outline.loops[0].iter().all(|v| f(v[0], v[1]).abs() < 1e-6));
     }
 
     #[test]

@@ -16,6 +16,8 @@ mod near;
 pub mod occupancy;
 pub mod outline;
 pub mod polytope;
+mod settle;
+mod sharpen;
 pub mod superquadric;
 pub mod surface;
 pub mod symmetry;

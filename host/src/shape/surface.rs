@@ -1,4 +1,5 @@
-//! Closed meshes of a spatial field: naive surface nets, then every vertex moved onto the field.
+//! Closed meshes of a spatial field: naive surface nets, then every vertex moved onto the field, and onto
+//! its edges and corners.
 
 use std::collections::HashMap;
 
@@ -6,19 +7,11 @@ use fast_surface_nets::ndshape::RuntimeShape;
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 
 use super::contour::components_touched;
-use super::lattice::{Lattice, LatticeError, Samples, deviations_at, first_order_at, values_at};
+use super::lattice::{Lattice, LatticeError, Samples, deviations_at};
+use super::settle::settle;
+use super::sharpen::sharpen;
 use super::{Field, Mesh};
 use crate::space::Point;
-
-/// Field value at which a vertex counts as on the surface, in spacings.
-const ON_SURFACE: f64 = 1e-4;
-
-/// Steps of each vertex towards the field at most.
-const MOST_STEPS: usize = 5;
-
-/// How far a vertex may move from where the lattice put it, in spacings: it stays in its cell's
-/// neighbourhood, so that triangles do not turn over.
-const REACH: f64 = 0.5;
 
 /// Edges shorter than this, in spacings, are collapsed.
 const SHORTEST: f64 = 1e-3;
@@ -37,8 +30,8 @@ pub struct Surface {
 
 /// The whole zero set of `field` within the box `bounds` (corners, metres) on a lattice `spacing`
 /// metres apart. Vertices are moved along the field's gradient by at most half a spacing
-/// until the field there is below a ten-thousandth of the spacing, which smooth fields reach; sharp
-/// edges stay cut by about a fifth of it. An object that reaches the edge of the box is closed along
+/// until the field there is below a ten-thousandth of the spacing, which smooth fields reach; in cells
+/// that an edge or a corner of the object crosses, they lie on that. An object that reaches the edge of the box is closed along
 /// it. Every component is kept, see [`Surface::touched`].
 pub fn extract(
     field: &dyn Field,
@@ -80,10 +73,11 @@ fn polygonise(field: &dyn Field, lattice: &Lattice, samples: Samples) -> (Mesh, 
             !lattice.is_within(1, cell) && !lattice.is_within(1, cell.map(|i| i + 1))
         })
         .collect();
-    settle(field, spacing, &free, &mut vertices);
+    let gradients = settle(field, spacing, &free, &mut vertices);
 
-    let triangles: Vec<[u32; 3]> =
+    let mut triangles: Vec<[u32; 3]> =
         nets.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
+    sharpen(field, spacing, (&free, &gradients), &mut vertices, &mut triangles);
     let (vertices, triangles) = collapse(vertices, triangles, SHORTEST * spacing);
     (Mesh::trusted(vertices, triangles), samples.clipped)
 }
@@ -139,50 +133,6 @@ impl Surface {
             })
             .collect();
         (component, numbers.len())
-    }
-}
-
-/// Moves the vertices named by `free` onto the field: Newton steps along the gradient at the
-/// start, each kept only if it lowers the field's magnitude, else tried again at half the length.
-fn settle(field: &dyn Field, spacing: f64, free: &[usize], vertices: &mut [Point]) {
-    let reach = REACH * spacing;
-    let nudge = 0.02 * spacing;
-    let on_surface = ON_SURFACE * spacing;
-    let starts: Vec<Point> = free.iter().map(|v| vertices[*v]).collect();
-    struct Walk {
-        vertex: usize,
-        start: Point,
-        value: f64,
-        /// Metres to go per metre of field value.
-        slope: Point,
-        share: f64,
-    }
-    let mut walks: Vec<Walk> = free
-        .iter()
-        .zip(first_order_at(field, &starts, nudge))
-        .map(|(v, (value, gradient))| {
-            let slope = gradient / gradient.norm_squared();
-            Walk { vertex: *v, start: vertices[*v], value, slope, share: 1.0 }
-        })
-        .filter(|w| w.value.is_finite() && w.slope.iter().all(|s| s.is_finite()))
-        .collect();
-    for _ in 0..MOST_STEPS {
-        walks.retain(|w| w.value.abs() > on_surface);
-        let tries: Vec<Point> = walks
-            .iter()
-            .map(|w| {
-                let target = vertices[w.vertex] - w.slope * (w.value * w.share);
-                w.start + (target - w.start).cap_magnitude(reach)
-            })
-            .collect();
-        for ((walk, point), value) in walks.iter_mut().zip(&tries).zip(values_at(field, &tries)) {
-            if value.abs() < walk.value.abs() {
-                vertices[walk.vertex] = *point;
-                walk.value = value;
-            } else {
-                walk.share *= 0.5;
-            }
-        }
     }
 }
 
@@ -270,7 +220,10 @@ impl Groups {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use super::*;
+    use nalgebra::Rotation3;
     use proptest::prelude::*;
 
     struct Analytic<F>(F);
@@ -369,6 +322,44 @@ mod tests {
         assert_eq!(euler(&surface.mesh), 2);
         assert!(smallest_area(&surface.mesh) > 0.0);
         assert!((surface.mesh.volume() / (0.1 * 0.06 * 0.04) - 1.0).abs() < 0.03);
+    }
+
+    #[test]
+    fn edges_and_corners_are_not_cut_off() {
+        let half = Point::new(0.05, 0.03, 0.02);
+        let askew = Rotation3::from_euler_angles(0.3, 0.5, -0.8);
+        let block = |p: &Point| (askew * p).abs().zip_map(&half, |p, h| p - h).max();
+        let block = trace(block, 0.07, 0.005).mesh;
+        let can = |p: &Point| {
+            let p = askew * p;
+            (p.xy().norm() - 0.04).max(p.z.abs() - 0.035)
+        };
+        let round = trace(can, 0.06, 0.004).mesh;
+        for mesh in [&block, &round] {
+            assert_closed(mesh);
+            assert!(smallest_area(mesh) > 0.0);
+        }
+        assert!((block.volume() / (8.0 * half.product()) - 1.0).abs() < 1e-6);
+        // Of the rim nothing is missing but what chords cut off.
+        for angle in 0..200 {
+            let (sin, cos) = (TAU * f64::from(angle) / 200.0).sin_cos();
+            let on_rim = askew.inverse() * Point::new(0.04 * cos, 0.04 * sin, 0.035);
+            assert!(round.distance(&on_rim) < 1e-4, "{}", round.distance(&on_rim));
+        }
+        assert!(round.vertices().iter().all(|v| can(v).abs() < 1e-5));
+    }
+
+    #[test]
+    fn the_edge_of_a_hollow_is_kept_too() {
+        // A block without the quarter where both x and y are above 1.3 mm.
+        let ell = |p: &Point| {
+            let block = (p.x.abs().max(p.y.abs()) - 0.04).max(p.z.abs() - 0.02);
+            block.max(p.x.min(p.y) - 0.0013)
+        };
+        let mesh = trace(ell, 0.05, 0.004).mesh;
+        assert_closed(&mesh);
+        let exact = 0.08 * 0.08 * 0.04 - (0.04 - 0.0013_f64).powi(2) * 0.04;
+        assert!((mesh.volume() / exact - 1.0).abs() < 1e-6, "{}", mesh.volume() / exact);
     }
 
     #[test]
