@@ -111,9 +111,9 @@ pub(super) fn tangents(field: &dyn Field, spacing: f64, points: &[Point]) -> Vec
     points.iter().zip(local).map(tangent).collect()
 }
 
-/// Whether a surface with these gradients at two neighbours has an edge between them.
+/// Whether a surface with these unit normals at two neighbours has an edge between them.
 pub(super) fn is_edge(a: &Point, b: &Point) -> bool {
-    a.dot(b) < EDGE * a.norm() * b.norm()
+    a.dot(b) < EDGE
 }
 
 /// Where tangents meet.

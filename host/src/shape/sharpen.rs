@@ -14,6 +14,9 @@ use crate::space::Point;
 /// Share of a quadrilateral's area below which one of its triangles has none.
 const FLAT: f64 = 0.01;
 
+/// Cosine of less than half the angle that makes an edge.
+const BENT: f64 = 0.98;
+
 /// Moves vertices onto the corners and edges of the surface and turns diagonals that this leaves without
 /// area. Triangles come in pairs, each a quadrilateral of the nets; `free` are the vertices on the field
 /// and its gradients beside them.
@@ -46,25 +49,38 @@ fn beside_edges(
     count: usize,
     triangles: &[[u32; 3]],
 ) -> BTreeMap<usize, BTreeSet<usize>> {
-    let mut gradient = vec![Point::zeros(); count];
-    free.iter().zip(gradients).for_each(|(v, own)| gradient[*v] = *own);
-    let sides = || {
-        triangles.chunks_exact(2).flat_map(|pair| {
-            let corners = pair.as_flattened();
-            let sides = corners.iter().flat_map(|a| corners.iter().map(|b| [*a, *b]));
-            sides.filter(|[a, b]| a < b).map(|side| side.map(|v| v as usize))
-        })
+    // Not a number where there is none, so that no edge is beside it.
+    let mut normals = vec![Point::repeat(f64::NAN); count];
+    free.iter().zip(gradients).for_each(|(v, own)| normals[*v] = own.normalize());
+    let corners = |pair: &[[u32; 3]]| {
+        let [a, b, c] = pair[0].map(|v| v as usize);
+        let across = pair[1].iter().find(|v| !pair[0].contains(v));
+        [a, b, c, across.map_or(a, |v| *v as usize)]
+    };
+    let quadrilaterals = || triangles.chunks_exact(2).map(corners);
+    // No two are far apart that are both near a third.
+    let is_bent = |[a, b, c, d]: &[usize; 4]| {
+        let is_near_first = |v: &usize| normals[*a].dot(&normals[*v]) > BENT;
+        ![b, c, d].into_iter().all(is_near_first)
     };
     let mut is_beside = vec![false; count];
-    for side in sides().filter(|[a, b]| is_edge(&gradient[*a], &gradient[*b])) {
+    let bent = quadrilaterals().filter(is_bent).flat_map(sides);
+    for side in bent.filter(|[a, b]| is_edge(&normals[*a], &normals[*b])) {
         side.iter().for_each(|v| is_beside[*v] = true);
     }
     let mut neighbours: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
-    for [a, b] in sides().filter(|[a, b]| is_beside[*a] || is_beside[*b]) {
+    let is_near = |corners: &[usize; 4]| corners.iter().any(|v| is_beside[*v]);
+    let near = quadrilaterals().filter(is_near).flat_map(sides);
+    for [a, b] in near.filter(|[a, b]| a != b && (is_beside[*a] || is_beside[*b])) {
         neighbours.entry(a).or_default().insert(b);
         neighbours.entry(b).or_default().insert(a);
     }
     neighbours
+}
+
+/// Each corner with each other.
+fn sides([a, b, c, d]: [usize; 4]) -> [[usize; 2]; 6] {
+    [[a, b], [b, c], [c, a], [a, d], [b, d], [c, d]]
 }
 
 /// What lies beside the edges of the surface.
