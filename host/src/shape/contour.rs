@@ -39,8 +39,9 @@ pub struct Contour {
 
 /// The whole zero set of `field` within the box `bounds` (corners, metres; z is ignored) on a
 /// lattice `spacing` metres apart. Vertices are on the field to 0.1 µm where it is continuous,
-/// among them one for every corner; an object that reaches the edge of the box is closed along it. Features thinner than `spacing`
-/// can be missed; every component is kept, see [`Contour::touched`].
+/// with one on each corner of more than 26° that lies between two crossings of the lattice; an object
+/// that reaches the edge of the box is closed along it. Features thinner than `spacing` can be
+/// missed; every component is kept, see [`Contour::touched`].
 pub fn extract(
     field: &dyn Field,
     bounds: (Point, Point),

@@ -23,7 +23,7 @@ const REACH: f64 = 0.5;
 /// Difference for the gradient of a field without a formula, in spacings.
 const NUDGE: f64 = 0.02;
 
-/// Cosine between normals of neighbours below which the surface has an edge between them.
+/// Cosine between normals of neighbours (26°) below which the surface has an edge between them.
 const EDGE: f64 = 0.9;
 
 /// Share of the greatest eigenvalue below which planes leave a direction open: along an edge.
@@ -83,7 +83,9 @@ pub(super) fn settle(
 /// The plane n·p = ρ that touches the surface.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Tangent {
+    /// n: unit, out of the object.
     normal: Point,
+    /// ρ, metres.
     offset: f64,
 }
 
@@ -119,7 +121,7 @@ pub(super) fn is_edge(a: &Point, b: &Point) -> bool {
 /// Where tangents meet.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Meeting {
-    /// Of the places that they leave open the one asked for.
+    /// Of the places that they leave open the nearest, metres.
     pub(super) point: Point,
     /// Whether they leave none: a corner.
     pub(super) is_corner: bool,

@@ -93,7 +93,7 @@ struct Edges<'a> {
 
 impl Edges<'_> {
     /// Where vertices move, so that of any two neighbours over an edge one does: corners first, then those
-    /// that are nearest.
+    /// that are nearest. Every round moves one at least.
     fn cover(&self) -> BTreeMap<usize, Point> {
         let mut moved = BTreeMap::new();
         loop {

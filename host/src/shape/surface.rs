@@ -30,9 +30,10 @@ pub struct Surface {
 
 /// The whole zero set of `field` within the box `bounds` (corners, metres) on a lattice `spacing`
 /// metres apart. Vertices are moved along the field's gradient by at most half a spacing
-/// until the field there is below a ten-thousandth of the spacing, which smooth fields reach; in cells
-/// that an edge or a corner of the object crosses, they lie on that. An object that reaches the edge of the box is closed along
-/// it. Every component is kept, see [`Surface::touched`].
+/// until the field there is below a ten-thousandth of the spacing, which smooth fields reach; where
+/// the surface turns by more than 26° between neighbours, by up to a spacing more, so that edges and
+/// corners are not cut off. An object that reaches the edge of the box is closed along it. Every
+/// component is kept, see [`Surface::touched`].
 pub fn extract(
     field: &dyn Field,
     bounds: (Point, Point),
