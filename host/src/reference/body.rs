@@ -1,5 +1,5 @@
 //! A body of few parts as the mean of the Gaussian process: a ball or another quadric, cut by
-//! planes, planes alone, a superquadric, or nothing but a box where contacts show a hollow.
+//! planes, planes alone, a block, a superquadric, or nothing but a box where contacts show a hollow.
 //!
 //! Most things that hands hold are a round body with a few flat ends: a can is a cylinder between
 //! two planes, a cup a cone between them, a bottle an ellipsoid on a plane, a block planes alone. The body carries what many
@@ -15,6 +15,8 @@ use super::{Contact, Prior};
 use crate::shape::superquadric;
 use crate::space::Point;
 
+mod block;
+mod blunt;
 mod close;
 mod end;
 mod fit;

@@ -49,10 +49,10 @@ struct Candidate {
 const NEGLIGIBLE: f64 = 1e-3;
 
 /// The Matérn-3/2 surfaces that explain the contacts: about a ball, about another quadric or one cut by
-/// flat faces, about a superquadric, about a can, cup or cone, round or oval, and about the polytope of the
-/// faces ([`Body`]), each with the
+/// flat faces, about a superquadric, about a can, cup or cone, round or oval, about a block, and about the
+/// polytope of the faces, with and without the corners where a side was probably missed ([`Body`]). Each has the
 /// amplitude, the lengthscale and the factor on the contacts' noise that the contacts, and what suits
-/// most objects, make most plausible, blended as their probabilities are; more than sixty contacts
+/// most objects, make most plausible. They are blended as their probabilities are; more than sixty contacts
 /// decide for one. With the kernel of the most probable. `free` are points outside the object
 /// (fingertips that touched nothing).
 ///
@@ -309,9 +309,10 @@ fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
         return vec![(body, usual)];
     }
     let flat = fitted(dimension, contacts).ok().filter(Faces::is_convex);
-    let flat = flat.and_then(|faces| Body::polytope(dimension, contacts, &faces));
+    let flat = flat.map(|faces| Body::polytopes(dimension, contacts, &faces)).unwrap_or_default();
+    let block = faces.as_ref().and_then(|faces| Body::block(dimension, contacts, faces));
     let residual = residual(dimension, contacts);
-    let others = rounds(dimension, contacts, faces.as_ref()).chain(flat);
+    let others = rounds(dimension, contacts, faces.as_ref()).chain(flat).chain(block);
     ball.into_iter().chain(others.map(|body| (body, residual))).collect()
 }
 

@@ -85,11 +85,7 @@ impl Body {
 
     /// Normals of the sides that its planes would have across from them.
     fn opposite(&self) -> Vec<Point> {
-        let opposite = |part: &Part| match part {
-            Part::Plane(plane) => Some(-plane.normal),
-            _ => None,
-        };
-        self.parts.iter().filter_map(opposite).collect()
+        self.planes().map(|plane| -plane.normal).collect()
     }
 
     /// How likely it is that contacts anywhere on the surface leave as large a part of it bare as these
@@ -99,20 +95,9 @@ impl Body {
     pub(super) fn evenness(&self, dimension: usize, contacts: &[Contact]) -> f64 {
         let count = contacts.len() as f64;
         let centre = contacts.iter().map(|c| c.point).sum::<Point>() / count;
-        let reached = |out: &Point| {
-            let meets = |part: &Part| match part {
-                Part::Plane(plane) if plane.normal.dot(out) > 0.0 => {
-                    let along = plane.normal.dot(out);
-                    let distance = (plane.offset - plane.normal.dot(&centre)) / along;
-                    // Of the surface, one direction in so many sees this much.
-                    Some((distance, distance.powi(dimension as i32 - 1) / along))
-                }
-                _ => None,
-            };
-            let nearest = self.parts.iter().filter_map(meets).min_by(|a, b| a.0.total_cmp(&b.0))?;
-            (nearest.0 > 0.0).then(|| (centre + out * nearest.0, nearest.1))
-        };
-        let surface: Vec<(Point, f64)> = directions(dimension).iter().filter_map(reached).collect();
+        let rays = self.rays(dimension, &centre);
+        let reached = |ray: &Ray| (centre + ray.out * ray.length, ray.area(dimension));
+        let surface: Vec<(Point, f64)> = rays.iter().map(reached).collect();
         let nearest =
             |p: &Point| contacts.iter().map(|c| (c.point - p).norm()).fold(f64::INFINITY, f64::min);
         let bare = surface.iter().map(|(p, _)| (p, nearest(p))).max_by(|a, b| a.1.total_cmp(&b.1));
@@ -121,6 +106,47 @@ impl Body {
         let all: f64 = surface.iter().map(|(_, area)| area).sum();
         let part = surface.iter().filter(within).map(|(_, area)| area).sum::<f64>() / all;
         (count * (1.0 - part).powf(count - 1.0)).min(1.0)
+    }
+
+    /// Evenly spread ways out of a point inside, as far as its planes go.
+    pub(super) fn rays(&self, dimension: usize, centre: &Point) -> Vec<Ray> {
+        let ray = |out: Point| {
+            let depth = |plane: &Plane| plane.offset - plane.normal.dot(centre);
+            let ray = Ray { out, length: f64::INFINITY, along: 1.0 };
+            let ray = self.planes().fold(ray, |ray, p| ray.cut(&p.normal, depth(&p)));
+            (ray.length > 0.0 && ray.length.is_finite()).then_some(ray)
+        };
+        directions(dimension).into_iter().filter_map(ray).collect()
+    }
+
+    pub(super) fn planes(&self) -> impl Iterator<Item = Plane> {
+        self.parts.iter().filter_map(|part| match part {
+            Part::Plane(plane) => Some(*plane),
+            _ => None,
+        })
+    }
+}
+
+/// A straight way to the surface.
+#[derive(Clone, Copy)]
+pub(super) struct Ray {
+    out: Point,
+    length: f64,
+    /// Cosine to the normal where it ends.
+    along: f64,
+}
+
+impl Ray {
+    /// The same where it ends at the latest at a plane so far from where it begins.
+    pub(super) fn cut(self, normal: &Point, depth: f64) -> Ray {
+        let along = normal.dot(&self.out);
+        let length = depth / along;
+        if along > 0.0 && length < self.length { Ray { length, along, ..self } } else { self }
+    }
+
+    /// The part of the surface that it sees of as many rays, up to a factor common to all.
+    pub(super) fn area(&self, dimension: usize) -> f64 {
+        self.length.powi(dimension as i32 - 1) / self.along
     }
 }
 

@@ -1,7 +1,10 @@
 //! Fitting a body to contacts: Levenberg–Marquardt over the parameters of all its parts.
 
+use std::iter::successors;
+
 use nalgebra::{DMatrix, DVector, Matrix3};
 
+use super::block::Block;
 use super::turned::Turned;
 use super::{Body, Change, Mode, Part, Plane, Quadric};
 use crate::reference::{Contact, Faces, Prior};
@@ -37,6 +40,9 @@ const DOUBTFUL: f64 = 0.5;
 /// Probability that contacts leave so large a part bare below which a side was missed there.
 const EVEN: f64 = 0.4;
 
+/// Corners of one body that are cut off at most.
+const BLUNTED: usize = 3;
+
 /// Difference of a parameter for its slope.
 const NUDGE: f64 = 1e-5;
 
@@ -49,6 +55,8 @@ enum Round {
     Quadric,
     /// Between ends square to an axis.
     Turned(Turned),
+    /// Sides square to each other.
+    Block(Block),
     /// Planes alone.
     Nothing,
 }
@@ -157,23 +165,32 @@ impl Body {
         Some(body.closed(dimension, contacts, &found.undecided()))
     }
 
-    /// The polytope of all `faces`, with ends where they leave it open. `None` without contacts or
-    /// faces. Where it has such ends, or fewer than two and a half numbers were measured per
-    /// parameter, nor when more than one side for every two contacts is in doubt: felt by one that no
-    /// other face confirms ([`Faces::unconfirmed`]), or not at all. Then there may as well be others:
-    /// the share of what was seen once tells how likely the next is new (Good, Biometrika 40, 1953).
-    /// Nor, there, where contacts would hardly have left so large a part of it bare.
-    pub fn polytope(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<Body> {
-        let (body, guessed) = Body::flat(dimension, contacts, faces)?;
-        let measured = Problem::of(dimension, contacts)?.measured() as f64;
-        let is_decided = guessed == 0 && measured >= DECIDED * (measured - body.degrees);
-        let doubtful = guessed + faces.unconfirmed(contacts).len();
-        let is_doubtful = doubtful as f64 > DOUBTFUL * contacts.len() as f64
-            || body.evenness(dimension, contacts) < EVEN;
-        (is_decided || !is_doubtful).then_some(body)
+    /// The polytope of all `faces`, with ends where they leave it open, and the same with planes across the
+    /// corners where a side was probably missed, one more in each. None without contacts or faces. Nor,
+    /// where it has such ends, or fewer than two and a half numbers were measured per parameter, when more
+    /// than one side for every two contacts is in doubt: felt by one that no other face confirms
+    /// ([`Faces::unconfirmed`]), or not at all. Then there may as well be others: the share of what was
+    /// seen once tells how likely the next is new (Good, Biometrika 40, 1953). Nor, there, where contacts
+    /// would hardly have left so large a part of it bare.
+    pub fn polytopes(dimension: usize, contacts: &[Contact], faces: &Faces) -> Vec<Body> {
+        let Some((body, ends)) = Body::flat(dimension, contacts, faces) else { return vec![] };
+        let Some(problem) = Problem::of(dimension, contacts) else { return vec![] };
+        let measured = problem.measured() as f64;
+        let is_decided = ends == 0 && measured >= DECIDED * (measured - body.degrees);
+        let unconfirmed = faces.unconfirmed(contacts).len();
+        let is_doubtful = |guessed: usize, body: &Body| {
+            (guessed + unconfirmed) as f64 > DOUBTFUL * contacts.len() as f64
+                || body.evenness(dimension, contacts) < EVEN
+        };
+        successors(Some(body), |body| body.blunted(dimension, contacts))
+            .take(1 + BLUNTED)
+            .enumerate()
+            .filter(|(blunted, body)| is_decided || !is_doubtful(ends + blunted, body))
+            .map(|(_, body)| body)
+            .collect()
     }
 
-    /// The same however doubtful, and how many of its sides are ends that nobody felt.
+    /// The polytope of all `faces` however doubtful, and how many of its sides are ends that nobody felt.
     pub fn flat(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<(Body, usize)> {
         let problem = Problem::of(dimension, contacts)?;
         let planes = problem.planes(faces, 1);
@@ -190,6 +207,10 @@ impl Fit {
         Fit { round: Round::Turned(turned), parameters, cost: f64::INFINITY }
     }
 
+    pub(super) fn block(block: Block, parameters: DVector<f64>) -> Fit {
+        Fit { round: Round::Block(block), parameters, cost: f64::INFINITY }
+    }
+
     pub(super) fn parameters(&self) -> &DVector<f64> {
         &self.parameters
     }
@@ -200,6 +221,7 @@ impl Fit {
             Round::Ball => dimension + 1,
             Round::Quadric => dimension * (dimension + 3) / 2,
             Round::Turned(turned) => turned.count(),
+            Round::Block(block) => block.count(),
             Round::Nothing => 0,
         }
     }
@@ -266,6 +288,7 @@ impl Problem {
                 }
             }
             Round::Turned(turned) => parameters = turned.usual().as_slice().to_vec(),
+            Round::Block(block) => parameters = block.usual().as_slice().to_vec(),
             Round::Nothing => parameters.clear(),
         }
         Fit { round, parameters: DVector::from_vec(parameters), cost: f64::INFINITY }
@@ -305,6 +328,7 @@ impl Problem {
                 parts.push(Part::Quadric(Quadric::new(axes(0), root * root.transpose())?));
             }
             Round::Turned(turned) => parts = turned.parts(parameters)?,
+            Round::Block(block) => parts = block.parts(parameters),
             Round::Nothing => {}
         }
         for at in (fit.round_parameters(d)..parameters.len()).step_by(d + 1) {

@@ -208,7 +208,7 @@ fn what_contacts_leave_open_is_closed_beyond_them() {
     let sides = Faces::fit(2, &wedge).unwrap();
     for (dimension, contacts, body) in [
         (3, &open, Body::cut(3, &open, &faces).unwrap()),
-        (2, &wedge, Body::polytope(2, &wedge, &sides).unwrap()),
+        (2, &wedge, Body::polytopes(2, &wedge, &sides).remove(0)),
     ] {
         for c in contacts {
             assert!(body.value(&c.point).abs() < 5e-3);
@@ -269,7 +269,7 @@ fn touches(all: &[(f64, f64, f64)]) -> Vec<Contact> {
 fn few_contacts_make_a_polytope_unless_too_many_sides_are_in_doubt() {
     let polytope = |contacts: &[Contact]| {
         let faces = Faces::fit(2, contacts).unwrap().simplified(contacts).regular(contacts);
-        (faces.unconfirmed(contacts).len(), Body::polytope(2, contacts, &faces))
+        (faces.unconfirmed(contacts).len(), Body::polytopes(2, contacts, &faces).into_iter().next())
     };
     // Two long sides of a block and one end, which is square to them.
     let (up, down) = (90.0, -90.0);
