@@ -70,14 +70,14 @@ impl Sharp {
     /// Anywhere between the offset of the outermost contact and that of the corner, as likely as the surface is
     /// then smaller.
     fn cut(&self, normal: Point, near: f64, far: f64) -> Option<Cut> {
-        let area = |rays: &mut dyn Iterator<Item = Ray>| -> f64 {
-            rays.map(|ray| ray.area(self.dimension)).sum()
+        // Of the surface within a plane so far from the centre.
+        let area = |depth: f64| -> f64 {
+            self.rays.iter().map(|ray| ray.cut(&normal, depth).area(self.dimension)).sum()
         };
-        let whole = area(&mut self.rays.iter().copied());
+        let whole = area(f64::INFINITY);
         let place = |step: u32| {
             let offset = near + (far - near) * (f64::from(step) + 0.5) / f64::from(PLACES);
-            let depth = offset - normal.dot(&self.centre);
-            let left = area(&mut self.rays.iter().map(|ray| ray.cut(&normal, depth)));
+            let left = area(offset - normal.dot(&self.centre));
             (offset, (whole / left).powf(self.contacts as f64))
         };
         let places: Vec<(f64, f64)> = (0..PLACES).map(place).collect();
