@@ -1,9 +1,9 @@
 //! A body of few parts as the mean of the Gaussian process: a ball or another quadric, cut by
-//! planes, planes alone, a block, a superquadric, or nothing but a box where contacts show a hollow.
+//! planes, planes alone, a block, a regular prism, a superquadric, or nothing but a box where contacts show a hollow.
 //!
 //! Most things that hands hold are a round body with a few flat ends: a can is a cylinder between
-//! two planes, a cup a cone between them, a bottle an ellipsoid on a plane, a block planes alone. The body carries what many
-//! contacts say together, and the process what is left.
+//! two planes, a cup a cone between them, a bottle an ellipsoid on a plane; a block or a nut is planes alone.
+//! The body carries what many contacts say together, and the process what is left.
 
 use std::sync::Arc;
 
@@ -22,6 +22,7 @@ mod end;
 mod fit;
 mod hollow;
 mod moved;
+mod regular;
 mod turned;
 
 pub(crate) use fit::MISFIT;

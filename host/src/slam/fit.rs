@@ -49,7 +49,8 @@ struct Candidate {
 const NEGLIGIBLE: f64 = 1e-3;
 
 /// The Matérn-3/2 surfaces that explain the contacts: about a ball, about another quadric or one cut by
-/// flat faces, about a superquadric, about a can, cup or cone, round or oval, about a block, and about the
+/// flat faces, about a superquadric, about a can, cup or cone, round or oval, about a block, about a prism
+/// (in the plane a polygon) with three to eight equal sides, and about the
 /// polytope of the faces, with and without the corners where a side was probably missed ([`Body`]). Each has the
 /// amplitude, the lengthscale and the factor on the contacts' noise that the contacts, and what suits
 /// most objects, make most plausible. They are blended as their probabilities are; more than sixty contacts
@@ -172,11 +173,11 @@ pub fn model_of(
     Ok(best.model(dimension, contacts))
 }
 
-/// Whether a round body explains the contacts by itself and is more probable than these `faces` of theirs,
-/// with what speaks for their order: a can felt at twenty places may be a prism, too, and a box with round
-/// edges a polytope with more sides than it has. Round is what has up to two flat ends, in the plane one:
-/// a flat ellipse between two lines is a quadrilateral. Faces that show a hollow stay.
-pub fn is_rounder(dimension: usize, contacts: &[Contact], faces: &Faces) -> bool {
+/// Whether a round body, or one with equal sides, explains the contacts by itself and is more probable than these
+/// `faces` of theirs, with what speaks for their order: a can felt at twenty places may be a prism, too, a box with
+/// round edges a polytope with more sides than it has, and a hexagon one with fewer. Round is what has up to two
+/// flat ends, in the plane one: a flat ellipse between two lines is a quadrilateral. Faces that show a hollow stay.
+pub fn is_simpler(dimension: usize, contacts: &[Contact], faces: &Faces) -> bool {
     let Ok(radius) = radius(contacts) else { return false };
     let Some((flat, _)) = Body::flat(dimension, contacts, faces) else { return false };
     if !faces.is_convex() || Body::hollow(dimension, contacts, faces).is_some() {
@@ -188,14 +189,14 @@ pub fn is_rounder(dimension: usize, contacts: &[Contact], faces: &Faces) -> bool
         let found = Candidate::new(dimension, &judging, radius, body, search);
         found.ok().map(|candidate| candidate.evidence)
     };
-    let round: Vec<Body> = rounds(dimension, contacts, Some(faces))
-        .filter(|b| explains(b) && ends(b) < dimension)
-        .collect();
-    if round.is_empty() {
+    let round = rounds(dimension, contacts, Some(faces)).filter(|body| ends(body) < dimension);
+    let regular = Body::regulars(dimension, contacts, faces);
+    let simple: Vec<Body> = round.chain(regular).filter(explains).collect();
+    if simple.is_empty() {
         return false;
     }
-    let round = round.into_par_iter().filter_map(evidence).reduce(|| f64::NEG_INFINITY, f64::max);
-    evidence(flat).is_some_and(|flat| round > flat + faces.order)
+    let most = simple.into_par_iter().filter_map(evidence).reduce(|| f64::NEG_INFINITY, f64::max);
+    evidence(flat).is_some_and(|flat| most > flat + faces.order)
 }
 
 /// How many flat ends a body has.
@@ -311,8 +312,10 @@ fn bodies(dimension: usize, contacts: &[Contact]) -> Vec<(Body, Search)> {
     let flat = fitted(dimension, contacts).ok().filter(Faces::is_convex);
     let flat = flat.map(|faces| Body::polytopes(dimension, contacts, &faces)).unwrap_or_default();
     let block = faces.as_ref().and_then(|faces| Body::block(dimension, contacts, faces));
+    let regulars = faces.as_ref().map(|faces| Body::regulars(dimension, contacts, faces));
+    let flat = flat.into_iter().chain(block).chain(regulars.into_iter().flatten());
     let residual = residual(dimension, contacts);
-    let others = rounds(dimension, contacts, faces.as_ref()).chain(flat).chain(block);
+    let others = rounds(dimension, contacts, faces.as_ref()).chain(flat);
     ball.into_iter().chain(others.map(|body| (body, residual))).collect()
 }
 

@@ -198,7 +198,7 @@ fn faced(
     let found = match choice {
         Choice::Auto => choose::judge(dimension, &few, &outside)
             .ok()
-            .filter(|(faces, _)| !fit::is_rounder(dimension, &few, faces)),
+            .filter(|(faces, _)| !fit::is_simpler(dimension, &few, faces)),
         Choice::Faces => Some(choose::polytope(dimension, &few, &outside).map_err(Error::Faces)?),
         Choice::Gp => None,
     };

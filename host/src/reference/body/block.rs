@@ -3,7 +3,7 @@
 use nalgebra::{DVector, Rotation2, Rotation3};
 
 use super::end::{Side, USUAL};
-use super::fit::{Felt, Fit, Problem, STEPS, TRIAL};
+use super::fit::{Felt, Fit, Problem, Round, STEPS, TRIAL};
 use super::{Body, Part, Plane};
 use crate::reference::{Contact, Faces};
 use crate::space::Point;
@@ -129,7 +129,7 @@ impl Block {
             let sum: f64 = on.clone().map(|felt| out.dot(&felt.point)).sum();
             numbers[self.turns() + i] = sum / on.count().max(1) as f64;
         }
-        Fit::block(*self, numbers)
+        Fit::begun(Round::Block(*self), numbers)
     }
 
     /// The body cut where no side was felt.

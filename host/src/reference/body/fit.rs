@@ -5,6 +5,7 @@ use std::iter::successors;
 use nalgebra::{DMatrix, DVector, Matrix3};
 
 use super::block::Block;
+use super::regular::Regular;
 use super::turned::Turned;
 use super::{Body, Change, Mode, Part, Plane, Quadric};
 use crate::reference::{Contact, Faces, Prior};
@@ -48,7 +49,7 @@ const NUDGE: f64 = 1e-5;
 
 /// What a body is begun with.
 #[derive(Clone, Copy, PartialEq)]
-enum Round {
+pub(super) enum Round {
     /// Centre and inverse radius.
     Ball,
     /// Centre and lower triangle of the root of A.
@@ -57,6 +58,8 @@ enum Round {
     Turned(Turned),
     /// Sides square to each other.
     Block(Block),
+    /// Equal sides about an axis.
+    Regular(Regular),
     /// Planes alone.
     Nothing,
 }
@@ -171,7 +174,7 @@ impl Body {
     /// than one side for every two contacts is in doubt: felt by one that no other face confirms
     /// ([`Faces::unconfirmed`]), or not at all. Then there may as well be others: the share of what was
     /// seen once tells how likely the next is new (Good, Biometrika 40, 1953). Nor, there, where contacts
-    /// would hardly have left so large a part of it bare.
+    /// would hardly have left so large a part of it bare. Where one is refused, none with more cuts is believed.
     pub fn polytopes(dimension: usize, contacts: &[Contact], faces: &Faces) -> Vec<Body> {
         let Some((body, ends)) = Body::flat(dimension, contacts, faces) else { return vec![] };
         let Some(problem) = Problem::of(dimension, contacts) else { return vec![] };
@@ -182,10 +185,11 @@ impl Body {
             (guessed + unconfirmed) as f64 > DOUBTFUL * contacts.len() as f64
                 || body.evenness(dimension, contacts) < EVEN
         };
+        let is_trusted = |guessed: usize, body: &Body| is_decided || !is_doubtful(guessed, body);
         successors(Some(body), |body| body.blunted(dimension, contacts))
             .take(1 + BLUNTED)
             .enumerate()
-            .filter(|(blunted, body)| is_decided || !is_doubtful(ends + blunted, body))
+            .take_while(|(blunted, body)| is_trusted(ends + blunted, body))
             .map(|(_, body)| body)
             .collect()
     }
@@ -203,12 +207,8 @@ impl Body {
 }
 
 impl Fit {
-    pub(super) fn turned(turned: Turned, parameters: DVector<f64>) -> Fit {
-        Fit { round: Round::Turned(turned), parameters, cost: f64::INFINITY }
-    }
-
-    pub(super) fn block(block: Block, parameters: DVector<f64>) -> Fit {
-        Fit { round: Round::Block(block), parameters, cost: f64::INFINITY }
+    pub(super) fn begun(round: Round, parameters: DVector<f64>) -> Fit {
+        Fit { round, parameters, cost: f64::INFINITY }
     }
 
     pub(super) fn parameters(&self) -> &DVector<f64> {
@@ -222,6 +222,7 @@ impl Fit {
             Round::Quadric => dimension * (dimension + 3) / 2,
             Round::Turned(turned) => turned.count(),
             Round::Block(block) => block.count(),
+            Round::Regular(regular) => regular.count(),
             Round::Nothing => 0,
         }
     }
@@ -248,6 +249,10 @@ impl Problem {
             exact: (weight(c.point_deviation / radius, 0.0), weight(c.normal_deviation, 0.0)),
         });
         Some(Problem { dimension, centre, radius, felt: felt.collect() })
+    }
+
+    pub(super) fn dimension(&self) -> usize {
+        self.dimension
     }
 
     pub(super) fn felt(&self) -> &[Felt] {
@@ -289,9 +294,10 @@ impl Problem {
             }
             Round::Turned(turned) => parameters = turned.usual().as_slice().to_vec(),
             Round::Block(block) => parameters = block.usual().as_slice().to_vec(),
+            Round::Regular(regular) => parameters = regular.usual().as_slice().to_vec(),
             Round::Nothing => parameters.clear(),
         }
-        Fit { round, parameters: DVector::from_vec(parameters), cost: f64::INFINITY }
+        Fit::begun(round, DVector::from_vec(parameters))
     }
 
     /// The faces with at least so many contacts.
@@ -329,6 +335,7 @@ impl Problem {
             }
             Round::Turned(turned) => parts = turned.parts(parameters)?,
             Round::Block(block) => parts = block.parts(parameters),
+            Round::Regular(regular) => parts = regular.parts(parameters)?,
             Round::Nothing => {}
         }
         for at in (fit.round_parameters(d)..parameters.len()).step_by(d + 1) {

@@ -4,7 +4,7 @@
 use nalgebra::{DVector, Matrix3, SymmetricEigen};
 
 use super::end::{Side, USUAL};
-use super::fit::{Felt, Fit, Problem, STEPS, TRIAL};
+use super::fit::{Felt, Fit, Problem, Round, STEPS, TRIAL};
 use super::{Body, Part, Plane, Quadric};
 use crate::reference::{Contact, Faces};
 use crate::space::Point;
@@ -204,13 +204,13 @@ impl Turned {
             let offsets = end.clone().map(|f| way * f.point.dot(&self.axis));
             numbers[LENGTHS + length] = offsets.sum::<f64>() / end.count().max(1) as f64;
         }
-        Fit::turned(*self, numbers)
+        Fit::begun(Round::Turned(*self), numbers)
     }
 }
 
 /// Directions, unit, that a body may have been turned about: those in which normals differ least and most,
 /// and the normals of `faces`, those with most contacts first.
-fn axes(contacts: &[Contact], faces: &Faces) -> Vec<Point> {
+pub(super) fn axes(contacts: &[Contact], faces: &Faces) -> Vec<Point> {
     let normals = contacts.iter().filter_map(|c| c.normal);
     let middle = normals.clone().sum::<Point>() / normals.clone().count().max(1) as f64;
     let scatter: Matrix3<f64> = normals.map(|n| (n - middle) * (n - middle).transpose()).sum();
