@@ -23,6 +23,7 @@ mod fit;
 mod hollow;
 mod moved;
 mod regular;
+mod sides;
 mod turned;
 
 pub(crate) use fit::MISFIT;

@@ -17,6 +17,10 @@ const MOST_STEPS: usize = 24;
 /// How far out of the box a cut-off outline is closed, in lattice spacings.
 const CUT: f64 = 0.01;
 
+/// How far a corner may lie from the middle between two crossings, in lattice spacings. The field is asked
+/// there, so that this may be generous: the tip of a corner of 60° may be at 1.3.
+const TIP: f64 = 2.0;
+
 /// Vertices nearer than this, in spacings, are one.
 const SAME: f64 = 1e-6;
 
@@ -129,7 +133,7 @@ fn corners(
         let (one, other) = (one?, other?);
         let middle = 0.5 * (vertices[side[0]] + vertices[side[1]]);
         let point = meeting(&[one, other], &middle).point;
-        let is_corner = one.is_over_edge(&other) && (point - middle).norm() <= spacing;
+        let is_corner = one.is_over_edge(&other) && (point - middle).norm() <= TIP * spacing;
         is_corner.then_some((*side, point))
     };
     let (sides, mut found): (Vec<_>, Vec<Point>) = sides.iter().filter_map(corner).unzip();
@@ -454,6 +458,24 @@ mod tests {
         assert!((areas(&contour)[0] / exact - 1.0).abs() < 1e-6, "{:?} {exact}", areas(&contour));
         assert_eq!(contour.deviations.len(), contour.outline.loops[0].len());
         assert!(contour.outline.loops[0].iter().all(|v| f(v[0], v[1]).abs() < 1e-6));
+    }
+
+    #[test]
+    fn pointed_corners_are_vertices() {
+        // Triangles askew, and nodes of the lattice anywhere about their tips.
+        for turn in 0..12 {
+            let shift = 3e-4 * f64::from(turn);
+            let f = |x: f64, y: f64| {
+                let side = |i: i32| {
+                    let angle = 0.1 * f64::from(turn) + std::f64::consts::TAU * f64::from(i) / 3.0;
+                    (x - shift) * angle.cos() + y * angle.sin() - 0.03
+                };
+                side(0).max(side(1)).max(side(2))
+            };
+            let area = areas(&trace(f, 0.004))[0];
+            let exact = 3.0 * 3.0_f64.sqrt() * 9e-4;
+            assert!((area / exact - 1.0).abs() < 1e-6, "{turn}: {area} {exact}");
+        }
     }
 
     #[test]

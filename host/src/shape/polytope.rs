@@ -77,6 +77,22 @@ pub fn assemble(
     free: &[Point],
     closing: &[Face],
 ) -> Option<Polytope> {
+    built(faces, contacts, closing, |scene| Some(scene.inside(free)))
+}
+
+/// What lies behind all `faces`, of these contacts as in [`assemble`].
+///
+/// `None` as there, and where that is not about the middle of the contacts.
+pub fn intersection(faces: &Faces, contacts: &[Contact]) -> Option<Polytope> {
+    built(faces, contacts, &[], |scene| scene.behind_all())
+}
+
+fn built(
+    faces: &Faces,
+    contacts: &[Contact],
+    closing: &[Face],
+    inside: impl Fn(&Scene<'_>) -> Option<Vec<bool>>,
+) -> Option<Polytope> {
     let touched: Vec<Point> = contacts.iter().map(|c| c.point).collect();
     let centre = touched.iter().sum::<Point>() / touched.len().max(1) as f64;
     let reach = REACH * touched.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max);
@@ -93,7 +109,7 @@ pub fn assemble(
         arrangement.cut(&plane.normal, plane.offset)?;
     }
     let scene = Scene { faces, planes: &planes, contacts, arrangement: &arrangement };
-    let inside = scene.inside(free);
+    let inside = inside(&scene)?;
     let mut sides: Vec<Side> = Vec::new();
     for facet in &arrangement.facets {
         let front = facet.front.is_some_and(|c| inside[c]);
@@ -166,6 +182,14 @@ struct Scene<'a> {
 }
 
 impl Scene<'_> {
+    fn behind_all(&self) -> Option<Vec<bool>> {
+        let sum: Point = self.contacts.iter().map(|c| c.point).sum();
+        let middle = sum / self.contacts.len().max(1) as f64;
+        let cell = self.arrangement.cell_at(&middle)?;
+        let is_behind = self.planes.iter().all(|plane| plane.value(&middle) < 0.0);
+        is_behind.then(|| (0..self.arrangement.cells.len()).map(|c| c == cell).collect())
+    }
+
     fn inside(&self, free: &[Point]) -> Vec<bool> {
         let arrangement = self.arrangement;
         let mut graph = Graph::new(arrangement.cells.len());

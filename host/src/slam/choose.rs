@@ -11,8 +11,8 @@ use crate::space::Point;
 /// What the user wants.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Choice {
-    /// Faces where they are trustworthy, see [`judge`], and no body that is round or has equal sides is
-    /// more probable ([`is_simpler`](super::fit::is_simpler)), else the Gaussian process.
+    /// Faces where they are trustworthy, see [`judge`], equal ones where such a body is more probable;
+    /// the Gaussian process where a round one is ([`simpler`](super::fit::simpler)), and everywhere else.
     #[default]
     Auto,
     /// Faces; an error where they do not close.

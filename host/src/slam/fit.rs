@@ -173,15 +173,15 @@ pub fn model_of(
     Ok(best.model(dimension, contacts))
 }
 
-/// Whether a round body, or one with equal sides, explains the contacts by itself and is more probable than these
-/// `faces` of theirs, with what speaks for their order: a can felt at twenty places may be a prism, too, a box with
-/// round edges a polytope with more sides than it has, and a hexagon one with fewer. Round is what has up to two
+/// The round body, or the one with equal sides, that explains the contacts by itself and is more probable than
+/// these `faces` of theirs, with what speaks for their order: a can felt at twenty places may be a prism, too, a box
+/// with round edges a polytope with more sides than it has, and a hexagon one with fewer. Round is what has up to two
 /// flat ends, in the plane one: a flat ellipse between two lines is a quadrilateral. Faces that show a hollow stay.
-pub fn is_simpler(dimension: usize, contacts: &[Contact], faces: &Faces) -> bool {
-    let Ok(radius) = radius(contacts) else { return false };
-    let Some((flat, _)) = Body::flat(dimension, contacts, faces) else { return false };
+pub fn simpler(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<Body> {
+    let radius = radius(contacts).ok()?;
+    let (flat, _) = Body::flat(dimension, contacts, faces)?;
     if !faces.is_convex() || Body::hollow(dimension, contacts, faces).is_some() {
-        return false;
+        return None;
     }
     let search = residual(dimension, contacts);
     let judging = spread(contacts, JUDGING);
@@ -193,10 +193,12 @@ pub fn is_simpler(dimension: usize, contacts: &[Contact], faces: &Faces) -> bool
     let regular = Body::regulars(dimension, contacts, faces);
     let simple: Vec<Body> = round.chain(regular).filter(explains).collect();
     if simple.is_empty() {
-        return false;
+        return None;
     }
-    let most = simple.into_par_iter().filter_map(evidence).reduce(|| f64::NEG_INFINITY, f64::max);
-    evidence(flat).is_some_and(|flat| most > flat + faces.order)
+    let weighed = simple.into_par_iter().filter_map(|body| Some((evidence(body.clone())?, body)));
+    let (most, body) =
+        weighed.filter(|(evidence, _)| evidence.is_finite()).max_by(|a, b| a.0.total_cmp(&b.0))?;
+    evidence(flat).filter(|flat| most > flat + faces.order).map(|_| body)
 }
 
 /// How many flat ends a body has.

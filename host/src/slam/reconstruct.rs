@@ -9,7 +9,7 @@ use crate::log::GraspLog;
 use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::{Contact, Faces};
 use crate::shape::lattice::LatticeError;
-use crate::shape::polytope::Polytope;
+use crate::shape::polytope::{Polytope, intersection};
 use crate::shape::{Field, Geometry, contour, surface};
 use crate::slam::choose::{self, Choice, Model, Refusal, only};
 use crate::slam::fit::{self, fit_experts, open_beside};
@@ -73,6 +73,9 @@ const FACED: usize = 1_000;
 /// Contacts that say at most which part of a zero set was touched.
 const VOTING: usize = 2_000;
 
+/// Deviations by which a free point may lie inside.
+const SURELY: f64 = 2.0;
+
 /// Contacts that a dense Gaussian process takes at most in the plane and in space; more make local
 /// experts, which are as accurate and from there on faster.
 const DENSE: [usize; 2] = [800, 400];
@@ -119,24 +122,16 @@ pub fn reconstruct_known(
     }
     let free = free(log, steps);
     let outside: Vec<Point> = free.iter().map(|f| f.point).collect();
-    let made = |contacts: &[Contact]| shape(log.dimension, contacts, &free, choice, progress);
     let (model, geometry, deviations) = match faces {
-        None => made(&all)?,
+        None => shape(log.dimension, &all, &free, choice, progress)?,
         Some(faces) => {
             let trusted = choose::trusted(faces, &all, &outside);
             let contacts = only(&all, &trusted);
             let owners = only(&faces.owners, &trusted);
             let own = faces.faces.clone();
             let faces = Faces::explaining(log.dimension, &contacts, own, owners);
-            match made(&contacts)? {
-                (Model::Faces(found), ..) => {
-                    let known = choose::known(&faces, &contacts, &outside);
-                    let doubted =
-                        |p: Polytope| p.doubted(open_beside(log.dimension, &contacts, &free));
-                    shaped(known.map_or(*found, doubted))
-                }
-                other => other,
-            }
+            let known = || choose::known(&faces, &contacts, &outside);
+            shape_of(log.dimension, &contacts, &free, &known, choice, progress)?
         }
     };
     Ok(Reconstruction { geometry, deviations, contacts: placed, model })
@@ -161,8 +156,23 @@ pub fn shape(
     choice: Choice,
     progress: Progress<'_>,
 ) -> Result<(Model, Geometry, Vec<f64>), Error> {
-    if let Some(faces) = faced(dimension, contacts, free, choice)? {
-        return Ok(faces);
+    shape_of(dimension, contacts, free, &|| None, choice, progress)
+}
+
+/// The same, of faces that are `known` where flat sides suit the contacts and these are not equal.
+fn shape_of(
+    dimension: usize,
+    contacts: &[Contact],
+    free: &[Free],
+    known: &dyn Fn() -> Option<Polytope>,
+    choice: Choice,
+    progress: Progress<'_>,
+) -> Result<(Model, Geometry, Vec<f64>), Error> {
+    let doubted = |polytope: Polytope, contacts: &[Contact]| {
+        shaped(polytope.doubted(open_beside(dimension, contacts, free)))
+    };
+    if let Some(polytope) = faced(dimension, contacts, free, known, choice)? {
+        return Ok(doubted(polytope, contacts));
     }
     if contacts.len() > DENSE[usize::from(dimension == 3)] {
         let (kernel, experts) = fit_experts(dimension, contacts)?;
@@ -172,9 +182,9 @@ pub fn shape(
     }
     let trusted = only(contacts, &sift::trusted(dimension, contacts));
     if trusted.len() < contacts.len()
-        && let Some(faces) = faced(dimension, &trusted, free, choice)?
+        && let Some(polytope) = faced(dimension, &trusted, free, known, choice)?
     {
-        return Ok(faces);
+        return Ok(doubted(polytope, &trusted));
     }
     let contacts = &trusted;
     let (kernel, blend) = fit::fit(dimension, contacts, free)?;
@@ -191,19 +201,33 @@ fn faced(
     dimension: usize,
     contacts: &[Contact],
     free: &[Free],
+    known: &dyn Fn() -> Option<Polytope>,
     choice: Choice,
-) -> Result<Option<(Model, Geometry, Vec<f64>)>, Error> {
+) -> Result<Option<Polytope>, Error> {
     let few = evenly(contacts, FACED);
     let outside: Vec<Point> = free.iter().map(|f| f.point).collect();
-    let found = match choice {
-        Choice::Auto => choose::judge(dimension, &few, &outside)
-            .ok()
-            .filter(|(faces, _)| !fit::is_simpler(dimension, &few, faces)),
-        Choice::Faces => Some(choose::polytope(dimension, &few, &outside).map_err(Error::Faces)?),
-        Choice::Gp => None,
+    let own = match choice {
+        Choice::Auto => {
+            let Ok((faces, own)) = choose::judge(dimension, &few, &outside) else {
+                return Ok(None);
+            };
+            if let Some(body) = fit::simpler(dimension, &few, &faces) {
+                let sides = body.sides(dimension, &few).filter(|sides| is_open(sides, free));
+                return Ok(sides.and_then(|sides| intersection(&sides, &few)));
+            }
+            own
+        }
+        Choice::Faces => choose::polytope(dimension, &few, &outside).map_err(Error::Faces)?.1,
+        Choice::Gp => return Ok(None),
     };
-    let doubted = |p: Polytope| shaped(p.doubted(open_beside(dimension, contacts, free)));
-    Ok(found.map(|(_, polytope)| doubted(polytope)))
+    Ok(Some(known().unwrap_or(own)))
+}
+
+/// Whether no free point lies surely behind all these sides.
+fn is_open(sides: &Faces, free: &[Free]) -> bool {
+    let is_outside =
+        |f: &Free| sides.active(&f.point).is_none_or(|(value, _)| value > -SURELY * f.deviation);
+    free.iter().all(is_outside)
 }
 
 /// The log's contacts in the object frame. The doubt about a pose along a contact's normal, and

@@ -164,6 +164,23 @@ fn an_open_end_is_closed_though_another_face_looks_the_same_way() {
 }
 
 #[test]
+fn what_lies_behind_all_faces_needs_no_contact_on_each() {
+    // Nobody touched the side that cuts a corner of the rectangle off.
+    let contacts = along(&RECTANGLE);
+    let mut faces = Faces::fit(2, &contacts).unwrap();
+    let normal = Point::new(1.0, 1.0, 0.0).normalize();
+    let offset = normal.dot(&Point::new(0.05, 0.03, 0.0));
+    faces.faces.push(Face { normal, offset, centroid: normal * offset, ..faces.faces[0] });
+    let cut = intersection(&faces, &contacts).unwrap();
+    let exact = 0.12 * 0.06 - 0.5 * 0.01 * 0.01;
+    assert!((planar(&cut).area() / exact - 1.0).abs() < 1e-9, "{}", planar(&cut).area());
+    assert_eq!(cut.deviations.len(), 5);
+    // The middle of the contacts lies before that one.
+    faces.faces[4].offset = -1e-3;
+    assert!(intersection(&faces, &contacts).is_none());
+}
+
+#[test]
 fn points_known_to_be_outside_stay_outside() {
     // A U whose bottom was not touched from inside: the free point says that there is a gap.
     let corners = [

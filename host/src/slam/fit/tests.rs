@@ -106,22 +106,40 @@ fn bodies_that_do_not_explain_the_contacts_share_with_the_ball() {
 
 #[test]
 fn faces_of_a_can_are_no_prism_those_of_a_hexagon_equal_and_those_of_a_box_stay() {
-    for (object, contacts, seed, simple) in [
-        ("cylinder:0.08x0.06", 40, 1002, true),
-        ("cylinder:0.08x0.06", 40, 1005, true),
-        ("ellipse:0.1x0.05", 15, 1004, true),
-        ("box:0.1x0.07x0.05", 20, 1000, false),
-        ("corners:-0.04x-0.03,0.05x-0.03,-0.04x0.04", 15, 1000, false),
-        ("hexagon:0.05", 40, 1001, true),
-        ("lshape:0.1x0.08x0.03", 60, 1000, false),
+    // What is simpler than the faces, how it is reported, and how many sides that has.
+    for (object, contacts, seed, simple, sides) in [
+        ("cylinder:0.08x0.06", 40, 1002, true, None),
+        ("cylinder:0.08x0.06", 40, 1005, true, None),
+        ("ellipse:0.1x0.05", 15, 1004, true, None),
+        ("box:0.1x0.07x0.05", 20, 1000, false, Some(6)),
+        ("corners:-0.04x-0.03,0.05x-0.03,-0.04x0.04", 15, 1000, false, Some(3)),
+        ("hexagon:0.05", 40, 1001, true, Some(6)),
+        ("prism:0.07,hexagon:0.045", 40, 1000, true, Some(8)),
+        ("lshape:0.1x0.08x0.03", 60, 1000, false, Some(6)),
     ] {
         let (dimension, contacts, _) = touched(object, contacts, seed);
         // All of these contacts allow faces.
         let (faces, _) = judge(dimension, &contacts, &[]).unwrap();
-        assert_eq!(is_simpler(dimension, &contacts, &faces), simple, "{object} {seed}");
+        let simpler = simpler(dimension, &contacts, &faces);
+        assert_eq!(simpler.is_some(), simple, "{object} {seed}");
         let auto = Choice::Auto;
         let (model, ..) = reconstruct::shape(dimension, &contacts, &[], auto, &|_, _| {}).unwrap();
-        assert_eq!(matches!(model, choose::Model::Gp(_)), simple, "{object} {seed}");
+        let made = match model {
+            choose::Model::Gp(_) => None,
+            choose::Model::Faces(polytope) => Some(polytope.planes.len()),
+        };
+        assert_eq!(made, sides, "{object} {seed}");
+    }
+}
+
+#[test]
+fn equal_sides_leave_open_what_is_free() {
+    let (dimension, contacts, _) = touched("hexagon:0.05", 40, 1001);
+    for (away, is_flat) in [(0.06, true), (0.02, false)] {
+        let free = Free { point: Point::x() * away, deviation: 1e-3 };
+        let auto = Choice::Auto;
+        let made = reconstruct::shape(dimension, &contacts, &[free], auto, &|_, _| {});
+        assert_eq!(matches!(made.unwrap().0, choose::Model::Faces(_)), is_flat, "{away}");
     }
 }
 
