@@ -37,7 +37,7 @@ fn equal_sides_stay_equal() {
         assert!((opposite(face) - opposite(first)).abs() < 1e-9);
         assert!(face.value(&face.centroid).abs() < 1e-12);
     }
-    // Each contact has one of the sides.
+    // Each contact has one of the sides; one of them lies two deviations before another than its own.
     assert_eq!(sides.faces.iter().map(|f| f.contacts).sum::<usize>(), contacts.len());
     assert!(sides.chi_squared < 48.0);
 }
