@@ -441,4 +441,4 @@ fn protrusion(felt: &[(Contact, Point, usize)], faces: &[Face]) -> f64 {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

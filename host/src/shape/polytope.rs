@@ -80,13 +80,15 @@ pub fn assemble(
     built(faces, contacts, closing, |scene| Some(scene.inside(free)))
 }
 
-/// What lies behind all `faces`, of these contacts as in [`assemble`].
+/// What lies behind all `faces`, felt by a contact or not: a convex shape that is known to have these sides and
+/// no others. `contacts` are those that `faces` was fitted to, in the same order.
 ///
-/// `None` as there, and where that is not about the middle of the contacts.
+/// `None` as for [`assemble`], and where the middle of the contacts does not lie behind all faces.
 pub fn intersection(faces: &Faces, contacts: &[Contact]) -> Option<Polytope> {
     built(faces, contacts, &[], |scene| scene.behind_all())
 }
 
+/// The shape of the cells that are `inside`.
 fn built(
     faces: &Faces,
     contacts: &[Contact],
@@ -182,6 +184,7 @@ struct Scene<'a> {
 }
 
 impl Scene<'_> {
+    /// The one cell behind all planes.
     fn behind_all(&self) -> Option<Vec<bool>> {
         let sum: Point = self.contacts.iter().map(|c| c.point).sum();
         let middle = sum / self.contacts.len().max(1) as f64;

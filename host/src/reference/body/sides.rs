@@ -15,9 +15,10 @@ const STEPS: usize = 4;
 const STIFF: f64 = 1e-9;
 
 impl Body {
-    /// Its sides as the faces of these contacts, together where the contacts are most probable and as
-    /// uncertain as they leave the body's parameters. `None` where a part is not flat, and where contacts
-    /// cannot be used.
+    /// Its sides as the faces of these contacts (metres, in their frame): together where the contacts and their
+    /// deviations make the body's parameters most probable, and as uncertain as that leaves these (Gauss–Newton
+    /// and Laplace's approximation, about what was believed of the body). A side nobody felt is a face of no
+    /// contacts. `None` where a part is not flat, and where a contact's numbers are not usable.
     pub fn sides(&self, dimension: usize, contacts: &[Contact]) -> Option<Faces> {
         let contacts: Vec<Contact> =
             contacts.iter().map(Contact::checked).collect::<Option<_>>()?;
@@ -77,7 +78,7 @@ impl Body {
         Some((moved + factor.solve(&right), factor.inverse()))
     }
 
-    /// A side, with this covariance of the modes.
+    /// A side, with this covariance of the modes, and no contacts yet.
     fn face(&self, side: usize, covariance: &DMatrix<f64>) -> Option<Face> {
         let Part::Plane(Plane { normal, offset }) = *self.parts.get(side)? else { return None };
         let ways = self.modes.iter().map(|mode| mode.way(side)).collect::<Option<Vec<_>>>()?;

@@ -8,7 +8,8 @@ use tactile_core::contact::Contact as CoreContact;
 use tactile_core::space::{Planar, Space, Spatial};
 use tactile_core::surface::{Faces as CoreFaces, Map, Surface};
 
-fn touched(object: &str, contacts: usize, seed: u64) -> (usize, Vec<Contact>) {
+/// Contacts drawn uniformly, 1 mm and 5°, in the object frame.
+pub(crate) fn touched(object: &str, contacts: usize, seed: u64) -> (usize, Vec<Contact>) {
     let spec: crate::sim::ObjectSpec = object.parse().unwrap();
     let options =
         Options { grasps: Some(1), contacts, touch: Touch::Uniform, seed, ..Options::new(spec) };

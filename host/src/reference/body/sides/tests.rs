@@ -1,18 +1,7 @@
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_6, PI, TAU};
 
 use super::*;
-use crate::sim::{ObjectSpec, Options, Touch, simulate};
-use crate::slam::{reconstruct, track};
-
-/// Contacts drawn uniformly, 1 mm and 5°, in the object frame.
-fn touched(object: &str, contacts: usize, seed: u64) -> (usize, Vec<Contact>) {
-    let spec: ObjectSpec = object.parse().unwrap();
-    let touch = Touch::Uniform;
-    let options = Options { grasps: Some(1), contacts, touch, seed, ..Options::new(spec.clone()) };
-    let simulation = simulate(&options).unwrap();
-    let placed = reconstruct::place(&simulation.log, &track::truth(&simulation.log).unwrap());
-    (spec.dimension(), placed.into_iter().map(|p| p.contact).collect())
-}
+use crate::reference::faces::tests::touched;
 
 fn regular(object: &str, contacts: usize, seed: u64) -> (Vec<Contact>, Body, Faces) {
     let (dimension, contacts) = touched(object, contacts, seed);
