@@ -183,7 +183,7 @@ fn a_tenth_of_wild_contacts_does_not_spoil_a_curved_shape() {
             let options = Options { seed, outliers: 0.1, ..Options::new(object.parse().unwrap()) };
             let Simulation { log, geometry, .. } = simulate(&options).unwrap();
             let steps = crate::slam::track::truth(&log).unwrap();
-            let found = graph::joint::surface::smooth(&log, &[&steps]).unwrap();
+            let found = graph::joint::surface::smooth(&log, &[&steps], &[], false).unwrap();
             let judged = judge(&log, &found.steps, &Truth::new(geometry)).unwrap();
             judged.hausdorff.unwrap()
         };

@@ -13,7 +13,8 @@
 //! [`average`] takes the mean where it is open which hold. `confine` keeps contacts where faces are
 //! surface, and fingers that touched nothing outside; `seat` finds other poses for grasps whose contacts
 //! still hang in the air. [`surface`] does for curved objects what faces do for flat ones, from the
-//! tracker's trajectory or those that [`round`] finds.
+//! tracker's trajectory or those that [`round`] finds, and then tries single grasps elsewhere; `lone` finds
+//! the best pose of one grasp while all else stays.
 
 pub mod alias;
 pub mod arrow;
@@ -21,6 +22,7 @@ pub mod average;
 mod confine;
 pub mod explain;
 pub mod factors;
+mod lone;
 pub mod planes;
 pub mod problem;
 pub mod regular;
@@ -53,14 +55,11 @@ const ENOUGH: usize = 8;
 /// Trajectories of a round body from which the smooth surface starts.
 const ROUND: usize = 2;
 
-/// Nats by which the surface from a round body's trajectory must be likelier than the one from the
-/// tracker's, which knows more than the surface does: of poses that are as likely, its own stand.
-const DECISIVE: f64 = 3.0;
-
 /// The log's steps corrected by faces where the object that they make is to be believed
 /// ([`choose::judge`]), or by a round body that explains the contacts to their noise and with fewer
 /// numbers; else by the smooth surface of least cost, whether it starts from the tracker's poses, from
-/// those of the faces or from those of a round body. `None` where the tracker's poses stand.
+/// those of the faces or from those of a round body, with grasps at other poses where that costs less.
+/// `None` where the tracker's poses stand.
 pub fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
     corrected(log, steps, Effort::default())
 }
@@ -107,21 +106,13 @@ fn corrected(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected
     if is_flat {
         return flat;
     }
-    let near = surface::smooth(log, &starts);
-    let round: Vec<Vec<Step>> = round
+    let round: Vec<Vec<Pose>> = round
         .into_iter()
         .filter(round::Followed::is_start)
         .take(if effort.retrack { ROUND } else { 0 })
-        .map(|body| body.poses.into_iter().map(Step::certain).collect())
+        .map(|body| body.poses)
         .collect();
-    let far = (!round.is_empty())
-        .then(|| surface::smooth(log, &round.iter().map(|s| &s[..]).collect::<Vec<_>>()))
-        .flatten();
-    match (near, far) {
-        (Some(near), Some(far)) if far.cost < near.cost - DECISIVE => Some(told(far, steps)),
-        (Some(near), _) => Some(near),
-        (None, far) => far.map(|far| told(far, steps)).or(flat),
-    }
+    surface::smooth(log, &starts, &round, effort.retrack).or(flat)
 }
 
 /// The poses of a round body that leaves nothing for a smooth surface to explain.

@@ -295,7 +295,11 @@ fn continued<const D: usize>(problem: &Problem, one: &Hypothesis, grasp: usize) 
 
 /// Poses about the predicted one, as far apart as motions err: each axis turned and moved both ways,
 /// about the `middle` of what was felt.
-fn spread<const D: usize>(predicted: &Pose, middle: &Point, deviations: [f64; 2]) -> Vec<Pose> {
+pub(super) fn spread<const D: usize>(
+    predicted: &Pose,
+    middle: &Point,
+    deviations: [f64; 2],
+) -> Vec<Pose> {
     let middle = Point3::from(*middle);
     let mut starts = vec![*predicted];
     for axis in axes::<D>().into_iter().rev() {
@@ -313,7 +317,7 @@ fn spread<const D: usize>(predicted: &Pose, middle: &Point, deviations: [f64; 2]
 }
 
 /// Whether two poses are one answer.
-fn same(a: &Pose, b: &Pose) -> bool {
+pub(super) fn same(a: &Pose, b: &Pose) -> bool {
     let off = local(a, b);
     off.fixed_rows::<3>(0).norm() < 2e-3 && off.fixed_rows::<3>(3).norm() < 0.05
 }

@@ -4,9 +4,12 @@
 //! surface. So poses and surface take turns. Every grasp is matched with the surface of all other
 //! grasps' contacts, never with its own (which would hold it where it is), and all poses are solved
 //! together with the motions between them. A turn counts only if it makes contacts and motions
-//! likelier: the process' log evidence and the motions' cost say so.
+//! likelier: the process' log evidence and the motions' cost say so. Where that ends, `revise` tries single
+//! grasps at other poses.
 
-use nalgebra::{Matrix4, Matrix4x6, Matrix6, SMatrix, Vector4, Vector6};
+use std::ops::Range;
+
+use nalgebra::{Matrix6, SMatrix};
 use rayon::prelude::*;
 
 use super::arrow::Arrow;
@@ -15,13 +18,17 @@ use super::planes::Corrected;
 use super::problem::Problem;
 use super::tangent::{Tangent, axes, local, retract, six_by_six};
 use crate::log::GraspLog;
-use crate::reference::gpis::Evaluation;
 use crate::reference::{Contact, Gpis};
 use crate::slam::choose::only;
 use crate::slam::fit::{Model, model};
 use crate::slam::sift;
 use crate::slam::track::Step;
 use crate::space::Pose;
+
+mod revise;
+mod touch;
+
+use touch::normal;
 
 /// Turns of surface and poses.
 const TURNS: usize = 6;
@@ -35,14 +42,15 @@ const ENOUGH: f64 = 0.1;
 /// Parts of a step that are tried.
 const PARTS: [f64; 3] = [1.0, 0.4, 0.15];
 
-/// A field flatter than this says nothing about distance.
-const LEAST_SLOPE: f64 = 0.3;
-
 /// Contacts of which a dense surface is still quick to fit once for every grasp.
 const MOST: usize = 200;
 
 /// Nats by which a wild contact is dearer than one of the surface is on average.
 const WILD: f64 = 5.5;
+
+/// Nats by which the surface from a guessed trajectory must be likelier than the one from the tracker's, which
+/// knows more than the surface does: of poses that are as likely, its own stand.
+const DECISIVE: f64 = 3.0;
 
 /// A trajectory and what it is worth.
 struct Fitted<const D: usize> {
@@ -57,26 +65,45 @@ struct Fitted<const D: usize> {
     covariance: Vec<SMatrix<f64, D, D>>,
 }
 
-/// The poses of least cost from any of the trajectories, for an object with a smooth surface. `None`
-/// without contacts, or when they are too many.
-pub fn smooth(log: &GraspLog, trajectories: &[&[Step]]) -> Option<Corrected> {
+/// The poses of least cost from any of the trajectories, the first of which is the tracker's, for an object
+/// with a smooth surface; those `guessed` must be likelier by a clear margin. With `search` single grasps
+/// are then tried at other poses. `None` without contacts, or when they are too many.
+pub fn smooth(
+    log: &GraspLog,
+    trajectories: &[&[Step]],
+    guessed: &[Vec<Pose>],
+    search: bool,
+) -> Option<Corrected> {
     let problem = Problem::new(log);
     if problem.felt.is_empty() || problem.felt.len() > MOST {
         return None;
     }
     if log.dimension == 2 {
-        run::<3>(&problem, trajectories)
+        run::<3>(&problem, trajectories, guessed, search)
     } else {
-        run::<6>(&problem, trajectories)
+        run::<6>(&problem, trajectories, guessed, search)
     }
 }
 
-fn run<const D: usize>(problem: &Problem, trajectories: &[&[Step]]) -> Option<Corrected> {
-    let fitted = trajectories.iter().filter_map(|steps| {
+fn run<const D: usize>(
+    problem: &Problem,
+    trajectories: &[&[Step]],
+    guessed: &[Vec<Pose>],
+    search: bool,
+) -> Option<Corrected> {
+    let known = trajectories.iter().map(|steps| {
         let given: Vec<Option<Pose>> = steps.iter().map(|s| Some(s.pose)).collect();
-        settle::<D>(problem, problem.poses(&given))
+        (problem.poses(&given), 0.0)
     });
-    let best = fitted.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
+    let all: Vec<(Vec<Pose>, f64)> =
+        known.chain(guessed.iter().map(|poses| (poses.clone(), DECISIVE))).collect();
+    let settled = all
+        .into_par_iter()
+        .filter_map(|(poses, handicap)| Some((settle::<D>(problem, poses)?, handicap)));
+    let settled: Vec<(Fitted<D>, f64)> = settled.collect();
+    let handicapped = |(fitted, handicap): &(Fitted<D>, f64)| fitted.cost + handicap;
+    let best = settled.into_iter().min_by(|a, b| handicapped(a).total_cmp(&handicapped(b)));
+    let best = if search { revise::revised(problem, best?.0) } else { best?.0 };
     let first = std::iter::once(Matrix6::zeros());
     let covariance: Vec<Matrix6<f64>> =
         first.chain(best.covariance.iter().map(six_by_six)).collect();
@@ -139,13 +166,7 @@ fn worth<const D: usize>(problem: &Problem, known: &Fitted<D>, poses: &[Pose]) -
 /// Cost of the motions between the poses.
 fn motions(problem: &Problem, poses: &[Pose]) -> f64 {
     let centre = problem.middle(poses);
-    let cost = |k: usize| {
-        let motion = &problem.motions[k];
-        let step =
-            factors::step(&poses[k - 1], &poses[k], &motion.pose, motion.deviations, &centre);
-        problem.slip.cost(step.residual.norm_squared()).0
-    };
-    (1..poses.len()).map(cost).sum()
+    (1..poses.len()).map(|k| problem.moved(k, &poses[k - 1], &poses[k], &centre)).sum()
 }
 
 /// The model that suits the contacts best where the poses put them, and what all of it costs.
@@ -161,6 +182,19 @@ fn fitted<const D: usize>(problem: &Problem, poses: Vec<Pose>) -> Option<Fitted<
     cost.is_finite().then_some(Fitted { poses, model, trusted, cost, covariance })
 }
 
+/// The surface of all contacts but these; `None` where there are none of either.
+fn without<const D: usize>(
+    problem: &Problem,
+    known: &Fitted<D>,
+    placed: &[Contact],
+    own: Range<usize>,
+) -> Option<Gpis> {
+    let is_other = |i: &usize| known.trusted[*i] && !own.contains(i);
+    let others: Vec<Contact> = (0..placed.len()).filter(is_other).map(|i| placed[i]).collect();
+    (!own.is_empty() && !others.is_empty())
+        .then(|| known.model.surface(problem.dimension, &others).ok())?
+}
+
 /// All poses where every grasp suits the surface of the others, and their covariances.
 fn matched<const D: usize>(
     problem: &Problem,
@@ -169,14 +203,10 @@ fn matched<const D: usize>(
 ) -> Option<(Vec<Pose>, Vec<SMatrix<f64, D, D>>)> {
     let mut poses = poses.to_vec();
     let placed = placed(problem, &poses);
-    let without = |grasp: usize| -> Option<Gpis> {
-        let own = problem.of(grasp);
-        let is_other = |i: &usize| known.trusted[*i] && !own.contains(i);
-        let others: Vec<Contact> = (0..placed.len()).filter(is_other).map(|i| placed[i]).collect();
-        (!own.is_empty() && !others.is_empty())
-            .then(|| known.model.surface(problem.dimension, &others).ok())?
-    };
-    let surfaces: Vec<Option<Gpis>> = (0..poses.len()).into_par_iter().map(without).collect();
+    let surfaces: Vec<Option<Gpis>> = (0..poses.len())
+        .into_par_iter()
+        .map(|k| without(problem, known, &placed, problem.of(k)))
+        .collect();
     let mut covariance = Vec::new();
     for _ in 0..ITERATIONS {
         let arrow = linearise::<D>(problem, &poses, &surfaces);
@@ -200,19 +230,11 @@ fn linearise<const D: usize>(
     surfaces: &[Option<Gpis>],
 ) -> Arrow<D> {
     let mut arrow = Arrow::<D>::zeros(poses.len().saturating_sub(1), 0);
-    let chosen = axes::<D>();
     for k in 1..poses.len() {
         let Some(surface) = &surfaces[k] else { continue };
-        let inverse = poses[k].inverse();
-        let placed: Vec<Contact> =
-            problem.of(k).map(|i| problem.felt[i].contact.transformed(&inverse)).collect();
-        let points: Vec<_> = placed.iter().map(|c| c.point).collect();
-        for (contact, at) in placed.iter().zip(surface.evaluate(&points)) {
-            let Some((residual, by_pose)) = match_one(problem, contact, &at) else { continue };
-            let by_pose = SMatrix::<f64, 4, D>::from_fn(|r, c| by_pose[(r, chosen[c])]);
-            arrow.diagonal[k - 1] += by_pose.tr_mul(&by_pose);
-            arrow.chain[k - 1] += by_pose.tr_mul(&residual);
-        }
+        let (square, slope) = normal(problem, surface, &contacts(problem, k), &poses[k]);
+        arrow.diagonal[k - 1] += square;
+        arrow.chain[k - 1] += slope;
     }
     let centre = problem.middle(poses);
     for k in 1..poses.len() {
@@ -225,37 +247,9 @@ fn linearise<const D: usize>(
     arrow
 }
 
-/// Distance and normal of a contact (object frame) against the surface, in standard deviations that
-/// hold the surface's own, robustly weighted; with derivatives by the pose's tangent.
-fn match_one(
-    problem: &Problem,
-    contact: &Contact,
-    at: &Evaluation,
-) -> Option<(Vector4<f64>, Matrix4x6<f64>)> {
-    let slope = at.gradient.norm();
-    if !(slope > LEAST_SLOPE) {
-        return None;
-    }
-    let n = at.gradient / slope;
-    let variance = contact.point_deviation.powi(2) + at.variance / (slope * slope);
-    let exact = 1.0 / variance.sqrt();
-    let mut residual = Vector4::zeros();
-    let mut by_pose = Matrix4x6::zeros();
-    residual[0] = exact * at.value / slope;
-    let lever = n.cross(&contact.point);
-    by_pose.row_mut(0).copy_from(
-        &(Vector6::new(-n.x, -n.y, -n.z, lever.x, lever.y, lever.z) * exact).transpose(),
-    );
-    if let Some(m) = contact.normal {
-        let turns = at.gradient_variance / (slope * slope);
-        let exact = 1.0 / (contact.normal_deviation.powi(2) + turns).sqrt();
-        residual.fixed_rows_mut::<3>(1).copy_from(&((m - n) * exact));
-        by_pose.fixed_view_mut::<3, 3>(1, 3).copy_from(&(m.cross_matrix() * exact));
-    }
-    let off = problem.kernel.cost(residual[0].powi(2)).1.sqrt();
-    let turned = problem.kernel.cost(residual.fixed_rows::<3>(1).norm_squared()).1.sqrt();
-    let weights = Matrix4::from_diagonal(&Vector4::new(off, turned, turned, turned));
-    Some((weights * residual, weights * by_pose))
+/// A grasp's contacts, world frame.
+fn contacts(problem: &Problem, grasp: usize) -> Vec<Contact> {
+    problem.felt[problem.of(grasp)].iter().map(|felt| felt.contact).collect()
 }
 
 #[cfg(test)]
@@ -284,7 +278,7 @@ mod tests {
             let off = truth.iter().zip(steps).map(|(t, s)| local(&t.pose, &s.pose));
             off.map(|t| t.fixed_rows::<3>(0).norm_squared() + (0.05 * t[5]).powi(2)).sum()
         };
-        let corrected = smooth(&log, &[&steps]).unwrap();
+        let corrected = smooth(&log, &[&steps], &[], false).unwrap();
         let [before, after] = [error(&steps), error(&corrected.steps)];
         let at = |steps: &[Step]| {
             let problem = Problem::new(&log);
@@ -297,6 +291,6 @@ mod tests {
         assert_eq!(corrected.steps[0].pose, steps[0].pose);
         assert!(corrected.steps[3].covariance[(5, 5)] > 0.0);
         let none = GraspLog { grasps: Vec::new(), ..log };
-        assert!(smooth(&none, &[&[]]).is_none());
+        assert!(smooth(&none, &[&[]], &[], true).is_none());
     }
 }

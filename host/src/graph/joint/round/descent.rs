@@ -1,18 +1,16 @@
 //! From a hypothesis to the likeliest one near it: one pose alone, or all poses and the body together.
 
-use nalgebra::{Cholesky, Const, DVector, Dyn, OMatrix, SMatrix, SVector};
+use nalgebra::{Const, DVector, Dyn, OMatrix, SMatrix};
 
 use super::body::{Field, ROUGH, Residual, Round, SHAPE};
 use super::{Followed, Hypothesis};
 use crate::graph::joint::arrow::{Arrow, Row};
 use crate::graph::joint::factors;
+use crate::graph::joint::lone::{Between, displaced, least};
 use crate::graph::joint::problem::Problem;
 use crate::graph::joint::tangent::{Tangent, axes, retract, six_by_six};
 use crate::reference::Contact;
-use crate::space::{Point, Pose};
-
-/// Steps of one pose alone.
-const ALONE: usize = 8;
+use crate::space::Pose;
 
 /// Difference of a number for its slope, in metres, radians or parts of a radius.
 const NUDGE: f64 = 1e-6;
@@ -70,98 +68,6 @@ fn by_pose<const D: usize>(
     rows
 }
 
-/// One grasp's pose while the body and all other poses stay.
-struct Alone<'a> {
-    problem: &'a Problem,
-    field: Field<'a>,
-    grasp: usize,
-    before: &'a Pose,
-    after: Option<&'a Pose>,
-    /// What slips turn about, object frame.
-    centre: Point,
-    /// Whether contacts may be wild.
-    bounded: bool,
-}
-
-impl Alone<'_> {
-    /// The motions to the pose and from it, and whether each goes to it.
-    fn motions(&self, pose: &Pose) -> impl Iterator<Item = (factors::Step, bool)> {
-        let step = |k: usize, from: &Pose, to: &Pose| {
-            let motion = &self.problem.motions[k];
-            factors::step(from, to, &motion.pose, motion.deviations, &self.centre)
-        };
-        let to = (step(self.grasp, self.before, pose), true);
-        let from = self.after.map(|after| (step(self.grasp + 1, pose, after), false));
-        std::iter::once(to).chain(from)
-    }
-
-    fn cost(&self, pose: &Pose) -> f64 {
-        let inverse = pose.inverse();
-        let contact = |i: usize| {
-            let placed = self.problem.felt[i].contact.transformed(&inverse);
-            let residual = self.field.residual(&placed);
-            touched(self.problem, &self.field, &placed, &residual, self.bounded).cost
-        };
-        let motion = |(step, _): (factors::Step, bool)| {
-            self.problem.slip.cost(step.residual.norm_squared()).0
-        };
-        self.problem.of(self.grasp).map(contact).sum::<f64>()
-            + self.motions(pose).map(motion).sum::<f64>()
-    }
-
-    /// JᵀJ and Jᵀr.
-    fn linearised<const D: usize>(&self, pose: &Pose) -> (SMatrix<f64, D, D>, SVector<f64, D>) {
-        let (mut square, mut slope) = (SMatrix::zeros(), SVector::zeros());
-        let (inverse, chosen) = (pose.inverse(), axes::<D>());
-        for i in self.problem.of(self.grasp) {
-            let felt = &self.problem.felt[i].contact;
-            let placed = felt.transformed(&inverse);
-            let residual = self.field.residual(&placed);
-            let Touched { weights, .. } =
-                touched(self.problem, &self.field, &placed, &residual, self.bounded);
-            let rows = weighted(by_pose::<D>(&self.field, felt, pose, &residual), weights);
-            square += rows.tr_mul(&rows);
-            slope += rows.tr_mul(&weighted(residual, weights));
-        }
-        for (step, is_to) in self.motions(pose) {
-            let weight = self.problem.slip.cost(step.residual.norm_squared()).1;
-            let by = if is_to { &step.by_after } else { &step.by_before };
-            let rows = SMatrix::<f64, 6, D>::from_fn(|r, c| by[(r, chosen[c])]);
-            square += rows.tr_mul(&rows) * weight;
-            slope += rows.tr_mul(&step.residual) * weight;
-        }
-        (square, slope)
-    }
-
-    /// The pose of least cost from `start` on, with its cost, by Levenberg–Marquardt.
-    fn least<const D: usize>(&self, start: Pose) -> Option<(f64, Pose)> {
-        let (mut pose, mut cost, mut damping) = (start, self.cost(&start), 1e-3);
-        for _ in 0..ALONE {
-            let (square, slope) = self.linearised::<D>(&pose);
-            let mut gained = 0.0;
-            for _ in 0..4 {
-                let mut damped = square;
-                for i in 0..D {
-                    damped[(i, i)] *= 1.0 + damping;
-                }
-                let moved = displaced(&pose, &-Cholesky::new(damped)?.solve(&slope));
-                let lower = self.cost(&moved);
-                if lower < cost {
-                    gained = cost - lower;
-                    (pose, cost) = (moved, lower);
-                    damping = (0.1 * damping).max(1e-9);
-                    break;
-                }
-                damping *= 10.0;
-            }
-            if gained < 1e-2 {
-                break;
-            }
-        }
-        cost.is_finite().then_some((cost, pose))
-    }
-}
-
 /// A grasp's pose of least cost from `start` on, the body and all other poses as they are; with its
 /// cost. The grasp may be the one after the hypothesis' last.
 pub(super) fn alone<const D: usize>(
@@ -170,27 +76,34 @@ pub(super) fn alone<const D: usize>(
     grasp: usize,
     start: Pose,
 ) -> Option<(f64, Pose)> {
-    let mut fit = Alone {
-        problem,
-        field: one.body.field(one.ball.1)?,
-        grasp,
-        before: one.poses.get(grasp.checked_sub(1)?)?,
-        after: one.poses.get(grasp + 1),
-        centre: problem.middle(&one.poses),
-        bounded: false,
+    let field = one.body.field(one.ball.1)?;
+    let between = Between::new(problem, &one.poses, grasp)?;
+    let felt = |i: usize| &problem.felt[i].contact;
+    let from = |start: Pose, bounded: bool| {
+        let cost = |pose: &Pose| {
+            let inverse = pose.inverse();
+            let contact = |i: usize| {
+                let placed = felt(i).transformed(&inverse);
+                touched(problem, &field, &placed, &field.residual(&placed), bounded).cost
+            };
+            problem.of(grasp).map(contact).sum::<f64>() + between.cost(pose)
+        };
+        let normal = |pose: &Pose| {
+            let (mut square, mut slope) = between.normal::<D>(pose);
+            let inverse = pose.inverse();
+            for i in problem.of(grasp) {
+                let placed = felt(i).transformed(&inverse);
+                let residual = field.residual(&placed);
+                let Touched { weights, .. } = touched(problem, &field, &placed, &residual, bounded);
+                let rows = weighted(by_pose::<D>(&field, felt(i), pose, &residual), weights);
+                square += rows.tr_mul(&rows);
+                slope += rows.tr_mul(&weighted(residual, weights));
+            }
+            (square, slope)
+        };
+        least(start, cost, normal)
     };
-    let near = fit.least::<D>(start)?.1;
-    fit.bounded = true;
-    fit.least::<D>(near)
-}
-
-/// The pose displaced by `D` numbers of a tangent.
-fn displaced<const D: usize>(pose: &Pose, step: &SVector<f64, D>) -> Pose {
-    let mut tangent = Tangent::zeros();
-    for (i, axis) in axes::<D>().into_iter().enumerate() {
-        tangent[axis] = step[i];
-    }
-    retract(pose, &tangent)
+    from(from(start, false)?.1, true)
 }
 
 /// What so many numbers of a body cost that so many grasps felt, nats (Bayesian information criterion).
@@ -273,14 +186,8 @@ fn cost(problem: &Problem, one: &Hypothesis, poses: &[Pose], body: &Round) -> Op
         })
         .sum();
     let centre = problem.middle(poses);
-    let motions: f64 = (1..poses.len())
-        .map(|k| {
-            let motion = &problem.motions[k];
-            let step =
-                factors::step(&poses[k - 1], &poses[k], &motion.pose, motion.deviations, &centre);
-            problem.slip.cost(step.residual.norm_squared()).0
-        })
-        .sum();
+    let motions: f64 =
+        (1..poses.len()).map(|k| problem.moved(k, &poses[k - 1], &poses[k], &centre)).sum();
     let price = price(problem, poses.len(), body.freedom(problem.dimension));
     let oddity = 0.5 * body.oddity(problem.dimension, &one.ball).norm_squared();
     let total = contacts + motions + oddity + price;
