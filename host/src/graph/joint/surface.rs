@@ -65,9 +65,10 @@ struct Fitted<const D: usize> {
     covariance: Vec<SMatrix<f64, D, D>>,
 }
 
-/// The poses of least cost from any of the trajectories, the first of which is the tracker's, for an object
-/// with a smooth surface; those `guessed` must be likelier by a clear margin. With `search` single grasps
-/// are then tried at other poses. `None` without contacts, or when they are too many.
+/// The poses (object to world, one per grasp) of least cost from any of the trajectories, the first of which is
+/// the tracker's, for an object with a smooth surface; those `guessed` must be likelier by a clear margin. Poses
+/// that are missing or not finite are predicted from the ones before. With `search` single grasps are then tried
+/// at other poses. `None` without contacts, or when they are too many.
 pub fn smooth(
     log: &GraspLog,
     trajectories: &[&[Step]],
@@ -91,15 +92,13 @@ fn run<const D: usize>(
     guessed: &[Vec<Pose>],
     search: bool,
 ) -> Option<Corrected> {
-    let known = trajectories.iter().map(|steps| {
-        let given: Vec<Option<Pose>> = steps.iter().map(|s| Some(s.pose)).collect();
-        (problem.poses(&given), 0.0)
+    let known =
+        trajectories.iter().map(|steps| (steps.iter().map(|s| Some(s.pose)).collect(), 0.0));
+    let guesses = guessed.iter().map(|poses| (poses.iter().copied().map(Some).collect(), DECISIVE));
+    let all: Vec<(Vec<Option<Pose>>, f64)> = known.chain(guesses).collect();
+    let settled = all.into_par_iter().filter_map(|(given, handicap)| {
+        Some((settle::<D>(problem, problem.poses(&given))?, handicap))
     });
-    let all: Vec<(Vec<Pose>, f64)> =
-        known.chain(guessed.iter().map(|poses| (poses.clone(), DECISIVE))).collect();
-    let settled = all
-        .into_par_iter()
-        .filter_map(|(poses, handicap)| Some((settle::<D>(problem, poses)?, handicap)));
     let settled: Vec<(Fitted<D>, f64)> = settled.collect();
     let handicapped = |(fitted, handicap): &(Fitted<D>, f64)| fitted.cost + handicap;
     let best = settled.into_iter().min_by(|a, b| handicapped(a).total_cmp(&handicapped(b)));
@@ -290,6 +289,11 @@ mod tests {
         assert!(displaced > true_cost + 100.0 && corrected.cost < true_cost + 12.0);
         assert_eq!(corrected.steps[0].pose, steps[0].pose);
         assert!(corrected.steps[3].covariance[(5, 5)] > 0.0);
+        // Guesses of any length, and of no numbers.
+        let nan = Pose::translation(f64::NAN, 0.0, 0.0);
+        let guesses = [vec![], vec![Pose::identity(); 40], vec![nan; 7]];
+        let steps = smooth(&log, &[&steps], &guesses, false).unwrap().steps;
+        assert!(steps.len() == 7 && steps.iter().all(|s| s.pose.translation.vector.norm() < 1.0));
         let none = GraspLog { grasps: Vec::new(), ..log };
         assert!(smooth(&none, &[&[]], &[], true).is_none());
     }
