@@ -86,6 +86,19 @@ pub struct Form {
     planar: bool,
 }
 
+/// One of the numbers that make a [`Form`], as a change counts them; axes are its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Number {
+    /// Logarithm of a half length.
+    Half(usize),
+    /// ε₁ or ε₂.
+    Exponent(usize),
+    /// Turn about an axis, radians.
+    Turn(usize),
+    /// Shift along an axis, metres.
+    Shift(usize),
+}
+
 /// Why contacts give no superquadric.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
@@ -158,7 +171,6 @@ impl Superquadric {
     /// for shifts.
     pub fn neighbours(&self) -> Vec<(Form, Form, f64)> {
         let size = self.form.half.iter().fold(0.0, |size: f64, half| size.max(*half));
-        let free = |i: &usize| !self.form.planar || PLANAR.contains(i);
         let neighbours = |i: usize| {
             let deviation = match i {
                 3 | 4 => self.form.exponents[i - 3],
@@ -168,7 +180,7 @@ impl Superquadric {
             let (more, less) = (self.form.nudged(i, NUDGE), self.form.nudged(i, -NUDGE));
             (more, less, deviation / (2.0 * NUDGE))
         };
-        (0..NUMBERS).filter(free).map(neighbours).collect()
+        self.form.free().map(neighbours).collect()
     }
 
     /// Directions along its axes in which contacts hardly say how far it goes: where the deviation of
@@ -281,6 +293,57 @@ impl Form {
         let shift = Translation3::new(step[8], step[9], step[10]);
         form.pose = self.pose * Pose::from_parts(shift, turn);
         form
+    }
+
+    /// Half lengths a₁, a₂, a₃, metres; see [`Superquadric::half`].
+    pub fn half(&self) -> [f64; 3] {
+        self.half
+    }
+
+    /// ε₁ and ε₂; see [`Superquadric::exponents`].
+    pub fn exponents(&self) -> [f64; 2] {
+        self.exponents
+    }
+
+    /// From the superquadric's frame to that of the contacts.
+    pub fn pose(&self) -> Pose {
+        self.pose
+    }
+
+    /// The same in another frame: points p become `frame` p.
+    pub fn transformed(&self, frame: &Pose) -> Form {
+        Form { pose: frame * self.pose, ..*self }
+    }
+
+    /// The numbers that make it: 6 in the plane, 11 in space.
+    pub fn numbers(&self) -> impl Iterator<Item = Number> + use<> {
+        self.free().map(|place| match place {
+            0..3 => Number::Half(place),
+            3 | 4 => Number::Exponent(place - 3),
+            5..8 => Number::Turn(place - 5),
+            _ => Number::Shift(place - 8),
+        })
+    }
+
+    /// Changed by as much as `by` says of each of [`Form::numbers`], in their order, with exponents held
+    /// within [`EXPONENTS`].
+    pub fn changed(&self, by: &[f64]) -> Form {
+        let mut step = Step::zeros();
+        for (place, by) in self.free().zip(by) {
+            step[place] = *by;
+        }
+        let mut form = self.moved(&step);
+        for exponent in &mut form.exponents {
+            *exponent = exponent.clamp(EXPONENTS.0, EXPONENTS.1);
+        }
+        form.pose.rotation.renormalize();
+        form
+    }
+
+    /// Places in a [`Step`] that mean something.
+    fn free(&self) -> impl Iterator<Item = usize> + use<> {
+        let planar = self.planar;
+        (0..NUMBERS).filter(move |place| !planar || PLANAR.contains(place))
     }
 
     /// Its axes, as many as there are dimensions, unit length, in the frame of the contacts.

@@ -279,7 +279,7 @@ pub fn judge(
     free: &[Point],
 ) -> Result<(Faces, Polytope), Refusal> {
     let first = examine(dimension, contacts, free);
-    if first.is_ok() || doubt(contacts) * SLACK > USUAL_DOUBT {
+    if first.is_ok() || !are_exact(contacts) {
         return first;
     }
     let slack = |c: &Contact| Contact {
@@ -340,6 +340,17 @@ const SLACK: f64 = 3.0;
 
 /// Median deviation of normals that contacts with slack may have: as uncertain as usual ones, 5°.
 const USUAL_DOUBT: f64 = 0.0873;
+
+/// Whether contacts are so exact that nothing real suits them to their deviations.
+fn are_exact(contacts: &[Contact]) -> bool {
+    doubt(contacts) * SLACK <= USUAL_DOUBT
+}
+
+/// Whether faces with so much χ² per degree of freedom fit contacts.
+pub fn fit(per_degree: f64, contacts: &[Contact]) -> bool {
+    let slack = if are_exact(contacts) { SLACK } else { 1.0 };
+    per_degree <= MISFIT * slack * slack
+}
 
 /// Median standard deviation of the contacts' normals, radians; infinite without any.
 pub(super) fn doubt(contacts: &[Contact]) -> f64 {
@@ -578,5 +589,16 @@ mod tests {
                 assert!(outline.distance(&c.point) < 3e-3);
             }
         }
+    }
+
+    #[test]
+    fn very_exact_contacts_need_not_fit_as_exactly() {
+        let usual = along(&RECTANGLE, 5);
+        let exact = |c: &Contact| Contact { normal_deviation: 0.01, ..*c };
+        let exact: Vec<Contact> = usual.iter().map(exact).collect();
+        assert!(fit(1.3, &usual) && !fit(1.5, &usual) && !fit(f64::NAN, &usual));
+        assert!(fit(1.5, &exact) && !fit(13.0, &exact));
+        // Nobody knows how exact none are.
+        assert!(!fit(1.5, &[]));
     }
 }

@@ -52,12 +52,16 @@ use problem::Problem;
 /// faces, the fewest faces win, and what comes of it looks more certain than it is.
 const ENOUGH: usize = 8;
 
+/// Numbers that make a block in the plane and in space. A superquadric has its axes square to each other, and
+/// what it saves by that it must not gain over faces that are as much in order.
+const BLOCK: [usize; 2] = [5, 9];
+
 /// Trajectories of a round body from which the smooth surface starts.
 const ROUND: usize = 2;
 
 /// The log's steps corrected by faces where the object that they make is to be believed
-/// ([`choose::judge`]), or by a round body that explains the contacts to their noise and with fewer
-/// numbers; else by the smooth surface of least cost, whether it starts from the tracker's poses, from
+/// ([`choose::judge`]), or by a round body or superquadric that explains the contacts to their noise and with
+/// fewer numbers; else by the smooth surface of least cost, whether it starts from the tracker's poses, from
 /// those of the faces or from those of a round body, with grasps at other poses where that costs less.
 /// `None` where the tracker's poses stand.
 pub fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
@@ -92,15 +96,21 @@ fn corrected(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected
         let contacts: Vec<Contact> = contacts.into_iter().map(|p| p.contact).collect();
         let Some(faces) = flat.shape(log) else { return false };
         let contacts = only(&contacts, &choose::trusted(&faces, &contacts, &[]));
-        choose::judge(log.dimension, &contacts, &[]).is_ok()
+        choose::fit(flat.per_degree, &contacts)
+            && choose::judge(log.dimension, &contacts, &[]).is_ok()
     };
     let is_flat = flat.as_ref().is_some_and(believed);
     let round = round_bodies(&problem, &starts, effort.retrack && !is_flat);
-    let at_most = match &flat {
-        Some(flat) if is_flat => planes::criterion(&problem, flat),
-        _ => f64::INFINITY,
+    let block = BLOCK[usize::from(log.dimension != 2)];
+    let is_likelier = |body: &&round::Followed| match &flat {
+        Some(flat) if is_flat => {
+            let all = log.dimension * flat.faces.len();
+            let numbers = if body.superquadric { all.min(block) } else { all };
+            body.cost < planes::criterion(&problem, flat, numbers)
+        }
+        _ => true,
     };
-    if let Some(body) = round.first().filter(|body| body.is_body() && body.cost < at_most) {
+    if let Some(body) = round.first().filter(|body| body.is_body()).filter(is_likelier) {
         return Some(bodily(&problem, body, steps));
     }
     if is_flat {

@@ -366,8 +366,8 @@ pub(super) fn corrected<const D: usize>(
 }
 
 /// Negative log evidence of contacts, motions and faces, nats, as the Bayesian information criterion has
-/// it: to be compared with that of a body that is not made of faces.
-pub(super) fn criterion(problem: &Problem, found: &Corrected) -> f64 {
+/// it, if so many `numbers` make the faces: to be compared with that of a body that is not made of faces.
+pub(super) fn criterion(problem: &Problem, found: &Corrected, numbers: usize) -> f64 {
     let poses: Vec<Pose> = found.steps.iter().map(|step| step.pose).collect();
     let of_faces: Vec<Face> =
         found.faces.iter().map(|f| Face { normal: f.normal, offset: f.offset }).collect();
@@ -386,7 +386,7 @@ pub(super) fn criterion(problem: &Problem, found: &Corrected) -> f64 {
     let measured = (problem.felt.len() * problem.dimension).max(2) as f64;
     (0..problem.felt.len()).map(contact).sum::<f64>()
         + (1..poses.len()).map(motion).sum::<f64>()
-        + 0.5 * (problem.dimension * of_faces.len()) as f64 * measured.ln()
+        + 0.5 * numbers as f64 * measured.ln()
 }
 
 /// χ² of contacts and motions over the numbers measured less those found.

@@ -1,11 +1,12 @@
 //! A round body as the map: poses and the body solved together, grasp by grasp.
 //!
-//! What hands hold is mostly a quadric (ball, ellipsoid, cylinder) with a few flat ends. Such a body has
-//! so few numbers that all poses and the body fit into one least-squares problem, as they do for faces,
-//! and so a trajectory can be found even where a tracker that learns the surface point by point is lost.
-//! Several hypotheses go from grasp to grasp, each solved as a whole, with flat ends that come and go by
-//! the Bayesian information criterion. Where the body explains the contacts to their noise, there is
-//! nothing left to say about them; else what comes of it is a start for [`surface`](super::surface).
+//! What hands hold is mostly a quadric (ball, ellipsoid, cylinder) with a few flat ends, or a superquadric:
+//! boxes whose sides bulge and whose edges are round, cans with a rim. Such a body has so few numbers that
+//! all poses and the body fit into one least-squares problem, as they do for faces, and so a trajectory can
+//! be found even where a tracker that learns the surface point by point is lost. Several hypotheses go from
+//! grasp to grasp, each solved as a whole, with flat ends that come and go by the Bayesian information
+//! criterion. Where the body explains the contacts to their noise, there is nothing left to say about them;
+//! else what comes of it is a start for [`surface`](super::surface).
 //!
 //! How exact normals are is found with the body: half-way between two parts a finger on their edge feels
 //! neither's, and a hand that knows points to a tenth of a millimetre need not know directions as well.
@@ -36,7 +37,7 @@ mod tests;
 
 use body::Round;
 use descent::{Free, alone, descend, followed, wild};
-use parts::{ENDS, simpler, with_ends};
+use parts::{ENDS, kinds, with_ends};
 
 /// Most grasps and contacts: every grasp solves all before it again.
 const MOST: [usize; 2] = [48, 400];
@@ -97,6 +98,8 @@ pub struct Followed {
     pub round: bool,
     /// Whether normals err more than any body's would.
     pub rough: bool,
+    /// Whether it is a superquadric; boxes pass for one, too.
+    pub superquadric: bool,
     /// Covariance of each pose but the first, with the body as uncertain as it is.
     pub covariance: Vec<Matrix6<f64>>,
     /// The same if the body were known.
@@ -104,27 +107,34 @@ pub struct Followed {
 }
 
 impl Followed {
-    /// Whether nothing but such a body need be considered: it explains nearly every contact.
+    /// Whether nothing but such a body need be considered: it explains nearly every contact, and flat faces
+    /// would not.
     pub fn is_plain(&self) -> bool {
-        self.is_body() && self.wild <= PLAIN
+        self.is_body() && !self.superquadric && self.wild <= PLAIN
     }
 
     /// Whether another model of the object may start from its poses. A body that has to take normals for
     /// rough and still does not explain the contacts is the wrong one, and has bent them to itself.
     pub fn is_start(&self) -> bool {
-        self.is_body() || !self.rough
+        self.explains() || !self.rough
     }
 
-    /// Whether the object is such a body: it explains the contacts to their noise, but for a few.
+    /// Whether the object is such a body. A superquadric that has to take normals for rough is only nearly the
+    /// object, of which a smooth surface says more.
     pub fn is_body(&self) -> bool {
+        self.explains() && !(self.superquadric && self.rough)
+    }
+
+    /// Whether it explains the contacts to their noise, but for a few.
+    fn explains(&self) -> bool {
         self.round && self.wild <= WILD && self.per_degree <= MISFIT
     }
 }
 
-/// The likeliest trajectories of an object that is a quadric with flat ends, best first, near those that
-/// are `given`, which all have the same first pose; none for longer logs than would be quick, or where a
-/// number is not finite. With `search` the log is also followed without them, forwards and backwards, and
-/// single grasps are tried at other poses.
+/// The likeliest trajectories of an object that is a quadric with flat ends or a superquadric, best first,
+/// near those that are `given`, which all have the same first pose; none for longer logs than would be quick,
+/// or where a number is not finite. With `search` the log is also followed without them, forwards and
+/// backwards, and single grasps are tried at other poses.
 pub fn trajectories<const D: usize>(
     problem: &Problem,
     given: &[Vec<Pose>],
@@ -161,7 +171,7 @@ fn follow<const D: usize>(problem: &Problem, first: Option<Pose>) -> Vec<Hypothe
         let mut next: Vec<Hypothesis> = kept
             .par_iter()
             .flat_map_iter(|one| continued::<D>(problem, one, grasp))
-            .flat_map_iter(|one| simpler::<D>(problem, one, Free::All))
+            .flat_map_iter(|one| kinds::<D>(problem, one, Free::All))
             .map(|one| with_ends::<D>(problem, one, Free::All))
             .collect();
         best(&mut next);
@@ -225,7 +235,7 @@ fn near<const D: usize>(problem: &Problem, poses: &[Pose]) -> Option<Hypothesis>
 /// A ball's hypothesis with the sides and ends that its poses ask for, and then the likeliest near it.
 fn settled<const D: usize>(problem: &Problem, mut ball: Hypothesis) -> Vec<Hypothesis> {
     descend::<D>(problem, &mut ball, FINALLY, Free::Body);
-    let mut all = simpler::<D>(problem, ball, Free::Body);
+    let mut all = kinds::<D>(problem, ball, Free::Body);
     for one in &mut all {
         for _ in 0..ENDS {
             let before = one.body.ends.len();
@@ -333,7 +343,7 @@ fn best(all: &mut Vec<Hypothesis>) {
             one.body.width(3) == other.body.width(3)
                 && one.poses.iter().zip(&other.poses).all(|(a, b)| same(a, b))
         };
-        let rivals = kept.iter().filter(|k| k.body.is_cylinder() == one.body.is_cylinder());
+        let rivals = kept.iter().filter(|k| k.body.is_like(&one.body));
         if rivals.count() < KEPT && one.cost < least + HOPELESS && !kept.iter().any(known) {
             kept.push(one);
         }

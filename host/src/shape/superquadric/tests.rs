@@ -170,3 +170,32 @@ proptest! {
         prop_assert!((grown / off - 1.0).abs() < 0.02, "{}", grown / off);
     }
 }
+
+#[test]
+fn a_form_changes_by_its_own_numbers() {
+    let turn = nalgebra::UnitQuaternion::from_euler_angles(0.3, -0.2, 0.9);
+    let pose = Pose::from_parts(Point::new(0.01, 0.02, 0.03).into(), turn);
+    let space = superquadric([0.05, 0.04, 0.03], [0.5, 0.7], pose, 3).form();
+    let plane = superquadric([0.05, 0.04, 0.03], [1.0, 0.7], planar(0.1, 0.2, 0.3), 2).form();
+    assert_eq!((space.numbers().count(), plane.numbers().count()), (11, 6));
+    let changed = |form: &Form, which: Number, by: f64| {
+        let by: Vec<f64> = form.numbers().map(|n| if n == which { by } else { 0.0 }).collect();
+        form.changed(&by)
+    };
+    assert!((changed(&space, Number::Half(1), 0.5).half()[1] - 0.04 * 0.5f64.exp()).abs() < 1e-15);
+    assert!((changed(&plane, Number::Exponent(1), -0.2).exponents()[1] - 0.5).abs() < 1e-15);
+    assert_eq!(changed(&space, Number::Exponent(0), 9.0).exponents(), [EXPONENTS.1, 0.7]);
+    assert_eq!(changed(&space, Number::Exponent(1), -9.0).exponents(), [0.5, EXPONENTS.0]);
+    let shifted = changed(&space, Number::Shift(2), 0.01);
+    assert!((shifted.centre() - space.centre() - space.axes()[2] * 0.01).norm() < 1e-15);
+    let turned = changed(&plane, Number::Turn(2), 0.1);
+    assert!((turned.pose().rotation.angle() - 0.4).abs() < 1e-12);
+    // What means nothing in the plane stays.
+    let same = changed(&plane, Number::Half(2), 1.0);
+    assert_eq!((same.half(), same.exponents()), (plane.half(), plane.exponents()));
+    // Elsewhere it is as far from the points that go along.
+    let frame = Pose::from_parts(Point::new(-0.3, 0.1, 0.0).into(), turn.inverse());
+    let p = nalgebra::Point3::new(0.06, 0.01, 0.07);
+    let moved = space.transformed(&frame).distance(&(frame * p).coords).0;
+    assert!((moved - space.distance(&p.coords).0).abs() < 1e-12);
+}

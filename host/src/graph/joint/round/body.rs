@@ -1,10 +1,13 @@
-//! Quadrics and cylinders between flat ends, by few numbers.
+//! Quadrics and cylinders between flat ends, and superquadrics, by few numbers.
+
+use std::mem::discriminant;
 
 use nalgebra::{Cholesky, DVector, Matrix3, Point3, SVector, SymmetricEigen};
 
 use crate::graph::joint::tangent::Face;
 use crate::reference::Contact;
 use crate::reference::body::{Part, Quadric};
+use crate::shape::superquadric::{Form, Number, Superquadric};
 use crate::space::{Point, Pose};
 
 /// What no body fits exactly: a deviation added to the points', in radii of the object.
@@ -32,7 +35,7 @@ pub(super) const SHAPE: f64 = 0.7;
 /// Semi-axis, in radii of the object, beyond which a side counts as straight.
 const LONGEST: f64 = 2.0;
 
-/// (p − c)ᵀ R Rᵀ (p − c) ≤ 1 between flat ends, object frame.
+/// (p − c)ᵀ R Rᵀ (p − c) ≤ 1 between flat ends, or a superquadric, which has its own; object frame.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Round {
     pub centre: Point,
@@ -49,7 +52,12 @@ pub(super) enum Side {
     Quadric(Matrix3<f64>),
     /// A round cylinder, its ends square to the axis: unit axis, and radius, metres.
     Cylinder(Point, f64),
+    /// Between ellipsoid, box and cylinder.
+    Superquadric(Form),
 }
+
+/// No logarithm, exponent or turn of a superquadric changes by more in one step.
+const STRIDE: f64 = 0.5;
 
 /// The root of a ball of radius 1.
 fn usual(dimension: usize) -> Matrix3<f64> {
@@ -79,6 +87,7 @@ impl Round {
                 }))
             }
             Side::Cylinder(axis, radius) => Side::Cylinder(frame.rotation * axis, *radius),
+            Side::Superquadric(form) => Side::Superquadric(form.transformed(frame)),
         };
         let ends = self.ends.iter().map(|end| {
             let normal = frame.rotation * end.normal;
@@ -89,9 +98,10 @@ impl Round {
 
     /// How many numbers the sides have, and each end.
     pub fn numbers(&self, dimension: usize) -> (usize, usize) {
-        match self.side {
+        match &self.side {
             Side::Quadric(_) => (dimension * (dimension + 3) / 2, dimension),
             Side::Cylinder(..) => (6, 1),
+            Side::Superquadric(form) => (form.numbers().count(), dimension),
         }
     }
 
@@ -104,12 +114,29 @@ impl Round {
         matches!(self.side, Side::Cylinder(..))
     }
 
-    /// Whether the sides are curved about an object of this radius, unlike a pair of parallel faces.
+    pub fn is_superquadric(&self) -> bool {
+        matches!(self.side, Side::Superquadric(_))
+    }
+
+    /// Whether both have sides of one kind.
+    pub fn is_like(&self, other: &Round) -> bool {
+        discriminant(&self.side) == discriminant(&other.side)
+    }
+
+    /// Whether the sides go around an object of this radius, unlike a pair of parallel faces.
     pub fn is_round(&self, radius: f64) -> bool {
-        let Side::Quadric(root) = &self.side else { return true };
-        let least = (LONGEST * radius).powi(-2);
-        let curved = SymmetricEigen::new(root * root.transpose()).eigenvalues;
-        curved.iter().filter(|inverse| **inverse > least).count() >= 2
+        let longest = LONGEST * radius;
+        let short = match &self.side {
+            Side::Quadric(root) => {
+                let curved = SymmetricEigen::new(root * root.transpose()).eigenvalues;
+                curved.iter().filter(|inverse| **inverse > longest.powi(-2)).count()
+            }
+            Side::Superquadric(form) => {
+                form.half().iter().take(form.axes().len()).filter(|half| **half < longest).count()
+            }
+            Side::Cylinder(..) => return true,
+        };
+        short >= 2
     }
 
     /// How many of the numbers mean something: along its axis a cylinder has no place.
@@ -118,7 +145,7 @@ impl Round {
     }
 
     /// The body with its numbers changed, in radii: centre, root or axis and radius, then turns and
-    /// offset of every end.
+    /// offset of every end; or those of a superquadric.
     pub fn nudged(&self, dimension: usize, radius: f64, by: &DVector<f64>) -> Round {
         let mut body = self.clone();
         let mut at = 0;
@@ -126,8 +153,10 @@ impl Round {
             at += 1;
             by[at - 1]
         };
-        for axis in 0..dimension {
-            body.centre[axis] += radius * next();
+        if !self.is_superquadric() {
+            for axis in 0..dimension {
+                body.centre[axis] += radius * next();
+            }
         }
         match &mut body.side {
             Side::Quadric(root) => {
@@ -158,6 +187,17 @@ impl Round {
                 }
                 *axis = turned;
             }
+            Side::Superquadric(form) => {
+                let change = |number: Number| match number {
+                    Number::Shift(_) => radius * next(),
+                    Number::Half(_) | Number::Exponent(_) | Number::Turn(_) => {
+                        next().clamp(-STRIDE, STRIDE)
+                    }
+                };
+                let by: Vec<f64> = form.numbers().map(change).collect();
+                *form = form.changed(&by);
+                body.centre = form.centre();
+            }
         }
         body
     }
@@ -165,6 +205,19 @@ impl Round {
     /// What the numbers of the sides differ by from those of the ball, in deviations; zero for the rest.
     pub fn oddity(&self, dimension: usize, ball: &(Point, f64)) -> DVector<f64> {
         let mut all = DVector::zeros(self.width(dimension));
+        if let Side::Superquadric(form) = &self.side {
+            let away = form.pose().rotation.inverse() * (form.centre() - ball.0);
+            for (off, number) in all.iter_mut().zip(form.numbers()) {
+                let odd = match number {
+                    Number::Half(axis) => (form.half()[axis] / ball.1).ln(),
+                    Number::Exponent(which) => form.exponents()[which] - 1.0,
+                    Number::Turn(_) => 0.0,
+                    Number::Shift(axis) => away[axis] / ball.1,
+                };
+                *off = odd / SHAPE;
+            }
+            return all;
+        }
         let usual = usual(dimension);
         for axis in 0..dimension {
             all[axis] = (self.centre[axis] - ball.0[axis]) / (ball.1 * SHAPE);
@@ -180,27 +233,41 @@ impl Round {
                 }
             }
             Side::Cylinder(_, r) => all[5] = (r / ball.1).ln() / SHAPE,
+            Side::Superquadric(_) => {}
         }
         all
     }
 
     /// Whether a number is drawn to the ball's.
     pub fn is_drawn(&self, dimension: usize, number: usize) -> bool {
-        match self.side {
+        match &self.side {
             Side::Quadric(_) => number < self.numbers(dimension).0,
             Side::Cylinder(..) => number < 3 || number == 5,
+            Side::Superquadric(form) => {
+                form.numbers().nth(number).is_some_and(|n| !matches!(n, Number::Turn(_)))
+            }
         }
     }
 
     /// The body of an object of this radius, ready to be asked; `None` where its numbers are none of a
     /// body.
     pub fn field(&self, radius: f64) -> Option<Field<'_>> {
-        let form = match &self.side {
-            Side::Quadric(root) => root * root.transpose(),
-            Side::Cylinder(axis, r) => (Matrix3::identity() - axis * axis.transpose()) / (r * r),
+        let quadric = |form| Quadric::new(self.centre, form).map(Part::Quadric);
+        let sides = match &self.side {
+            Side::Quadric(root) => quadric(root * root.transpose())?,
+            Side::Cylinder(axis, r) => {
+                quadric((Matrix3::identity() - axis * axis.transpose()) / (r * r))?
+            }
+            Side::Superquadric(form) => Part::Superquadric(*form),
         };
-        let sides = Part::Quadric(Quadric::new(self.centre, form)?);
         Some(Field { sides, ends: &self.ends, misfit: MISFIT * radius, rough: self.rough })
+    }
+
+    /// The superquadric that explains these contacts, with normals as rough as here.
+    pub fn superquadric(&self, dimension: usize, contacts: &[Contact]) -> Option<Round> {
+        let side = Superquadric::fit(dimension, contacts).ok()?.form();
+        let (centre, side) = (side.centre(), Side::Superquadric(side));
+        Some(Round { centre, side, ends: Vec::new(), rough: self.rough })
     }
 
     /// The round cylinders that are most like it.

@@ -157,6 +157,7 @@ pub(super) fn followed<const D: usize>(problem: &Problem, one: &Hypothesis) -> O
         per_degree: 2.0 * (explained.iter().sum::<f64>() + rest) / degrees.max(1.0),
         round: one.body.is_round(one.ball.1),
         rough: one.body.rough > ROUGH[0],
+        superquadric: one.body.is_superquadric(),
         covariance: blocks(&inverse.poses),
         given_body: blocks(&inverse.given_faces),
     })

@@ -1,7 +1,8 @@
-//! Of which parts a round body is made: whether its side is a cylinder, and which flat ends it has.
+//! Of which parts a round body is made: whether its sides are a cylinder's or a superquadric's, and which
+//! flat ends it has.
 
-use super::body::Side;
-use super::descent::{Free, descend, price, touches};
+use super::body::{ROUGH, Round, Side};
+use super::descent::{Free, descend, price, touches, wild};
 use super::{Hypothesis, TOGETHER};
 use crate::graph::joint::problem::Problem;
 use crate::graph::joint::tangent::Face;
@@ -13,20 +14,37 @@ const CUTS: usize = 3;
 /// How many flat ends a body may have.
 pub(super) const ENDS: usize = 2;
 
-/// The hypothesis and, in space, the one whose body is a round cylinder.
-pub(super) fn simpler<const D: usize>(
+/// Contacts from which on a superquadric is tried: about three for every two of its numbers.
+const ENOUGH: usize = 16;
+
+/// The hypothesis and those whose bodies are of other kinds: in space a round cylinder, and a superquadric
+/// where a quadric does not suffice.
+pub(super) fn kinds<const D: usize>(
     problem: &Problem,
     one: Hypothesis,
     free: Free,
 ) -> Vec<Hypothesis> {
+    let descended = |body: Round| {
+        let mut other = Hypothesis { body, ..one.clone() };
+        descend::<D>(problem, &mut other, TOGETHER, free);
+        other
+    };
     let bodies = if problem.dimension == 3 { one.body.cylinders() } else { Vec::new() };
-    let cylinders = bodies.into_iter().map(|body| {
-        let mut cylinder = Hypothesis { body, ..one.clone() };
-        descend::<D>(problem, &mut cylinder, TOGETHER, free);
-        cylinder
-    });
-    let best = cylinders.min_by(|a, b| a.cost.total_cmp(&b.cost));
-    best.into_iter().chain([one]).collect()
+    let cylinders = bodies.into_iter().map(descended);
+    let cylinder = cylinders.min_by(|a, b| a.cost.total_cmp(&b.cost));
+    let other = superquadric(problem, &one).map(descended);
+    cylinder.into_iter().chain(other).chain([one]).collect()
+}
+
+/// The superquadric in place of a quadric that leaves contacts unexplained, or takes normals for rough.
+fn superquadric(problem: &Problem, one: &Hypothesis) -> Option<Round> {
+    let count = problem.starts[one.poses.len()];
+    let suffices = || one.body.rough == ROUGH[0] && wild(problem, one) == 0.0;
+    if !matches!(one.body.side, Side::Quadric(_)) || count < ENOUGH || suffices() {
+        return None;
+    }
+    let placed: Vec<Contact> = (0..count).map(|i| problem.placed(&one.poses, i)).collect();
+    one.body.superquadric(problem.dimension, &placed)
 }
 
 /// With the flat ends that pay for themselves, and without those that do not.
@@ -67,12 +85,12 @@ pub(super) fn candidates(problem: &Problem, one: &Hypothesis) -> Vec<Face> {
     let mut planes: Vec<(f64, Face)> = Vec::new();
     for (contact, cost) in placed.iter().zip(&costs) {
         let Some(normal) = contact.normal else { continue };
-        let normal = match one.body.side {
+        let normal = match &one.body.side {
             Side::Quadric(_) => normal,
-            Side::Cylinder(axis, _) if normal.dot(&axis).abs() > 0.9 => {
-                axis * normal.dot(&axis).signum()
+            Side::Cylinder(axis, _) if normal.dot(axis).abs() > 0.9 => {
+                axis * normal.dot(axis).signum()
             }
-            Side::Cylinder(..) => continue,
+            Side::Cylinder(..) | Side::Superquadric(_) => continue,
         };
         let face = Face { normal, offset: normal.dot(&contact.point) };
         let lies = |other: &Contact| {
