@@ -52,6 +52,10 @@ const WILD: f64 = 5.5;
 /// knows more than the surface does: of poses that are as likely, its own stand.
 const DECISIVE: f64 = 3.0;
 
+/// Likeliest trajectories from each of which single grasps are tried elsewhere: the one that ends best often
+/// was not the likeliest before.
+const REVISED: usize = 3;
+
 /// A trajectory and what it is worth.
 struct Fitted<const D: usize> {
     poses: Vec<Pose>,
@@ -68,7 +72,7 @@ struct Fitted<const D: usize> {
 /// The poses (object to world, one per grasp) of least cost from any of the trajectories, the first of which is
 /// the tracker's, for an object with a smooth surface; those `guessed` must be likelier by a clear margin. Poses
 /// that are missing or not finite are predicted from the ones before. With `search` single grasps are then tried
-/// at other poses. `None` without contacts, or when they are too many.
+/// at other poses, from each of the likeliest trajectories. `None` without contacts, or when they are too many.
 pub fn smooth(
     log: &GraspLog,
     trajectories: &[&[Step]],
@@ -99,10 +103,15 @@ fn run<const D: usize>(
     let settled = all.into_par_iter().filter_map(|(given, handicap)| {
         Some((settle::<D>(problem, problem.poses(&given))?, handicap))
     });
-    let settled: Vec<(Fitted<D>, f64)> = settled.collect();
+    let mut settled: Vec<(Fitted<D>, f64)> = settled.collect();
     let handicapped = |(fitted, handicap): &(Fitted<D>, f64)| fitted.cost + handicap;
-    let best = settled.into_iter().min_by(|a, b| handicapped(a).total_cmp(&handicapped(b)));
-    let best = if search { revise::revised(problem, best?.0) } else { best?.0 };
+    settled.sort_by(|a, b| handicapped(a).total_cmp(&handicapped(b)));
+    settled.truncate(if search { REVISED } else { 1 });
+    if search {
+        let revise = |(fitted, handicap)| (revise::revised(problem, fitted), handicap);
+        settled = settled.into_par_iter().map(revise).collect();
+    }
+    let best = settled.into_iter().min_by(|a, b| handicapped(a).total_cmp(&handicapped(b)))?.0;
     let first = std::iter::once(Matrix6::zeros());
     let covariance: Vec<Matrix6<f64>> =
         first.chain(best.covariance.iter().map(six_by_six)).collect();
