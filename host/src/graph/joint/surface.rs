@@ -52,8 +52,8 @@ const WILD: f64 = 5.5;
 /// knows more than the surface does: of poses that are as likely, its own stand.
 const DECISIVE: f64 = 3.0;
 
-/// Likeliest trajectories from each of which single grasps are tried elsewhere: the one that ends best often
-/// was not the likeliest before.
+/// Likeliest trajectories from each of which single grasps are tried elsewhere: the one that ends best at
+/// times was not the likeliest before.
 const REVISED: usize = 3;
 
 /// A trajectory and what it is worth.
