@@ -163,6 +163,19 @@ impl Mesh {
         self.faces().map(|[a, b, c]| (b - a).cross(&(c - a)).norm() / 2.0).sum()
     }
 
+    /// Of each vertex, the angles of the triangles that meet there, together; radians. 2π where the surface is
+    /// flat, less at a convex corner.
+    pub fn angles(&self) -> Vec<f64> {
+        let mut angles = vec![0.0; self.vertices.len()];
+        for t in &self.triangles {
+            let [a, b, c] = t.map(|i| self.vertices[i as usize]);
+            for (i, [at, to, and]) in [[a, b, c], [b, c, a], [c, a, b]].into_iter().enumerate() {
+                angles[t[i] as usize] += (to - at).angle(&(and - at));
+            }
+        }
+        angles
+    }
+
     /// Enclosed volume, cubic metres: positive for outward faces, without meaning when the mesh is
     /// not watertight.
     pub fn volume(&self) -> f64 {
@@ -266,6 +279,8 @@ pub(crate) mod tests {
         assert!((mesh.volume() - 0.12 * 0.06 * 0.04).abs() < 1e-15);
         let area = 2.0 * (0.12 * 0.06 + 0.12 * 0.04 + 0.06 * 0.04);
         assert!((mesh.area() - area).abs() < 1e-15);
+        let right = 1.5 * std::f64::consts::PI;
+        assert!(mesh.angles().iter().all(|angle| (angle - right).abs() < 1e-12));
         let pose = Pose::new(Point::new(1.0, -2.0, 3.0), Point::new(0.3, 0.2, -0.1));
         let centre = mesh.transformed(&pose).centroid();
         assert!((centre - Point::new(1.0, -2.0, 3.0)).norm() < 1e-12);

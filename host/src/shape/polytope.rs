@@ -44,8 +44,11 @@ const GHOST: f64 = 0.3;
 /// Deviations from the border of its facet from which on a contact counts in full.
 const CLEAR: f64 = 2.0;
 
-/// A closing plane is wanted where no face has a normal within this of its own (50°), as a cosine.
-const OPPOSED: f64 = 0.64;
+/// Cosine between one normal and the reverse of another from which their faces are counterparts: 50°.
+pub const COUNTERPART: f64 = 0.64;
+
+/// The same from which one lies opposite to the other: 20°.
+pub const OPPOSITE: f64 = 0.94;
 
 /// A face reaches the outermost contacts when it passes this close, as a share of the contacts' extent
 /// across it.
@@ -152,8 +155,9 @@ fn built(
 }
 
 /// Planes for sides that were not touched, at the outermost contacts: opposite to those faces on whose
-/// other side no face turned about the same way reaches out as far as contacts do.
-pub fn closures(faces: &Faces, contacts: &[Contact]) -> Vec<Face> {
+/// other side no face reaches out as far as contacts do and is turned about the same way, by the cosine of
+/// what makes a `counterpart`.
+pub fn closures(faces: &Faces, contacts: &[Contact], counterpart: f64) -> Vec<Face> {
     let closure = |face: &Face| {
         let normal = -face.normal;
         let along = |c: &&Contact| normal.dot(&c.point);
@@ -162,7 +166,7 @@ pub fn closures(faces: &Faces, contacts: &[Contact]) -> Vec<Face> {
         let offset = along(&outermost);
         let reached = FAR_SIDE * (offset - innermost) + 4.0 * outermost.point_deviation;
         let opposite =
-            |f: &Face| f.normal.dot(&normal) > OPPOSED && f.value(&outermost.point) < reached;
+            |f: &Face| f.normal.dot(&normal) > counterpart && f.value(&outermost.point) < reached;
         (!faces.faces.iter().any(opposite)).then(|| Face {
             normal,
             offset,

@@ -5,7 +5,7 @@ use crate::reference::body::Body;
 use crate::reference::faces::{Face, Faces, Owner};
 use crate::reference::{Contact, Kernel};
 use crate::shape::Geometry;
-use crate::shape::polytope::{Polytope, assemble, closures};
+use crate::shape::polytope::{COUNTERPART, OPPOSITE, Polytope, assemble, closures};
 use crate::space::Point;
 
 /// What the user wants.
@@ -127,9 +127,15 @@ const SHARE_HOLLOW: f64 = 0.55;
 
 /// Farthest that a corner may lie from every contact, in distances from the contacts' centre to the
 /// farthest of them. The neighbours of a missed side of a hexagon meet at 1, of an octagon at 0.7; the
-/// corners of rectangles and triangles with 2.5 contacts a side lie at 0.2 to 0.5. Where every face has
-/// its counterpart no side was missed. On a hollow object it does not matter, for the same reason.
+/// corners of rectangles and triangles with 2.5 contacts a side lie at 0.2 to 0.5. On a hollow object it does
+/// not matter, for the same reason.
 const UNTOUCHED: f64 = 0.6;
+
+/// Where every face has its counterpart ([`COUNTERPART`]) hardly a side was missed: there a corner lies too far
+/// only if so many contacts are expected nearer to it. Of a house with a gable and one wall unfelt, where the
+/// roof comes down on the ground, it is four to five; of rectangles and other quadrilaterals with ten contacts
+/// one to three.
+const EXPECTED: f64 = 3.3;
 
 /// Most faces of one contact that nothing else confirms, as a share of the contacts. It estimates how
 /// likely the next contact is to make a new face (Good, Biometrika 40, 1953): low where all faces were
@@ -248,17 +254,23 @@ pub(super) fn fitted(dimension: usize, contacts: &[Contact]) -> Result<Faces, Re
 /// When they enclose nothing.
 pub fn close(faces: &Faces, contacts: &[Contact], free: &[Point]) -> Result<Polytope, Refusal> {
     let limit = UNTOUCHED * farthest(contacts);
-    let closings = closures(faces, contacts);
-    let near = |p: &Polytope| closings.is_empty() || untouched(p, contacts) <= limit;
     let closed = |closing: &[Face]| assemble(faces, contacts, free, closing);
-    let polytope = match closed(&[]) {
+    let wide = closed(&[]);
+    let far = |p: &Polytope| untouched(p, contacts).distance;
+    let mut closings = closures(faces, contacts, COUNTERPART);
+    let is_missed = |p: &Polytope| far(p) > limit && untouched(p, contacts).expected > EXPECTED;
+    if closings.is_empty() && wide.as_ref().is_some_and(is_missed) {
+        closings = closures(faces, contacts, OPPOSITE);
+    }
+    let near = |p: &Polytope| closings.is_empty() || far(p) <= limit;
+    let polytope = match wide {
         Some(polytope) if near(&polytope) => Some(polytope),
         // One plane where that suffices, else all.
         wide => closings
             .chunks(1)
             .take(MOST_CLOSINGS)
             .filter_map(|one| closed(one).filter(|p| near(p)))
-            .min_by(|a, b| untouched(a, contacts).total_cmp(&untouched(b, contacts)))
+            .min_by(|a, b| far(a).total_cmp(&far(b)))
             .or_else(|| closed(&closings))
             .or(wide),
     };
@@ -326,9 +338,10 @@ fn examine(
     if unexplained as f64 > UNEXPLAINED * felt as f64 {
         return Err(Refusal::Unexplained { unexplained, contacts: felt });
     }
-    let distance = untouched(&polytope, contacts);
-    let paired = closures(&faces, contacts).is_empty();
-    if !is_hollow && distance > UNTOUCHED * farthest(contacts) && !paired {
+    let Corner { distance, expected } = untouched(&polytope, contacts);
+    let paired = closures(&faces, contacts, COUNTERPART).is_empty();
+    let is_far = distance > UNTOUCHED * farthest(contacts);
+    if !is_hollow && is_far && (!paired || expected > EXPECTED) {
         return Err(Refusal::Untouched { distance });
     }
     Ok((faces, polytope))
@@ -366,18 +379,36 @@ fn farthest(contacts: &[Contact]) -> f64 {
     contacts.iter().map(|c| (c.point - centre).norm()).fold(0.0, f64::max)
 }
 
-/// The greatest distance from a corner to its nearest contact, metres.
-fn untouched(polytope: &Polytope, contacts: &[Contact]) -> f64 {
-    let corners: Vec<Point> = match &polytope.geometry {
-        Geometry::Outline(o) => {
-            o.loops.iter().flatten().map(|v| Point::new(v[0], v[1], 0.0)).collect()
+/// The corner that lies farthest from every contact.
+#[derive(Clone, Copy, Debug, Default)]
+struct Corner {
+    /// To the nearest contact, metres.
+    distance: f64,
+    /// Contacts that would lie nearer if they were spread evenly.
+    expected: f64,
+}
+
+fn untouched(polytope: &Polytope, contacts: &[Contact]) -> Corner {
+    // Corners, with how much surface lies within a metre of each if its sides go on as far.
+    let (corners, surface, power): (Vec<(Point, f64)>, f64, i32) = match &polytope.geometry {
+        Geometry::Outline(outline) => {
+            let corners = outline.loops.iter().flatten();
+            let corners = corners.map(|v| (Point::new(v[0], v[1], 0.0), 2.0));
+            (corners.collect(), outline.perimeter(), 1)
         }
-        Geometry::Mesh(m) => m.vertices().to_vec(),
+        Geometry::Mesh(mesh) => {
+            let angles = mesh.angles().into_iter().map(|angle| 0.5 * angle);
+            (mesh.vertices().iter().copied().zip(angles).collect(), mesh.area(), 2)
+        }
     };
-    let nearest = |corner: &Point| {
-        contacts.iter().map(|c| (c.point - corner).norm()).fold(f64::INFINITY, f64::min)
+    let corner = |(corner, within): &(Point, f64)| {
+        let away = contacts.iter().map(|c| (c.point - corner).norm());
+        let distance = away.fold(f64::INFINITY, f64::min);
+        let share = within * distance.powi(power) / surface;
+        Corner { distance, expected: contacts.len() as f64 * share }
     };
-    corners.iter().map(nearest).fold(0.0, f64::max)
+    let corners = corners.iter().map(corner);
+    corners.max_by(|a, b| a.distance.total_cmp(&b.distance)).unwrap_or_default()
 }
 
 /// How many contacts lie off every face they belong to, as far as that is surface.

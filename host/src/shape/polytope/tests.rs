@@ -60,7 +60,7 @@ fn prism(corners: &[[f64; 2]], height: f64, inside: impl Fn(f64, f64) -> bool) -
 
 fn shape(dimension: usize, contacts: &[Contact], closing: bool) -> Option<Polytope> {
     let faces = Faces::fit(dimension, contacts)?;
-    let closing = if closing { closures(&faces, contacts) } else { vec![] };
+    let closing = if closing { closures(&faces, contacts, COUNTERPART) } else { vec![] };
     assemble(&faces, contacts, &[], &closing)
 }
 
@@ -241,7 +241,7 @@ proptest! {
         let normals = normals.into_iter().filter_map(|n| Point::from(n).try_normalize(0.1));
         let contacts: Vec<Contact> = normals.map(|n| contact(n * 0.05, n)).collect();
         let Some(faces) = Faces::fit(3, &contacts) else { return Ok(()) };
-        for closing in [vec![], closures(&faces, &contacts)] {
+        for closing in [vec![], closures(&faces, &contacts, COUNTERPART)] {
             let Some(polytope) = assemble(&faces, &contacts, &[], &closing) else { continue };
             let mesh = spatial(&polytope);
             prop_assert!(mesh.is_watertight() && mesh.volume() > 0.0);

@@ -122,6 +122,25 @@ fn an_untouched_side_is_closed_at_the_contacts() {
 }
 
 #[test]
+fn a_roof_does_not_stand_for_the_wall_below_it() {
+    // A house of which one wall was not touched: the roof would come down on the ground at 85 mm.
+    let house = [[-40.0, -30.0], [40.0, -30.0], [40.0, 10.0], [0.0, 50.0], [-40.0, 10.0]];
+    let (_, polytope) = judge(2, &along(&house, 4)[..16], &[]).unwrap();
+    let Geometry::Outline(outline) = &polytope.geometry else { panic!() };
+    let reach = outline.loops[0].iter().map(|v| v[0].hypot(v[1])).fold(0.0, f64::max);
+    assert!(reach < 0.06, "{reach}");
+    // Of a few contacts hardly one would lie where none does.
+    let few: Vec<Contact> = along(&house, 4).into_iter().take(16).step_by(2).collect();
+    let wide = |contacts: &[Contact]| {
+        let faces = fitted(2, contacts).unwrap();
+        untouched(&assemble(&faces, contacts, &[], &[]).unwrap(), contacts)
+    };
+    let [many, few] = [wide(&along(&house, 4)[..16]), wide(&few)];
+    assert!(many.expected > EXPECTED && few.expected < EXPECTED, "{many:?} {few:?}");
+    assert!((many.expected / many.distance / (few.expected / few.distance) - 2.0).abs() < 0.2);
+}
+
+#[test]
 fn a_face_of_one_contact_does_not_stand_for_a_side() {
     // Three sides of a rectangle, and a finger on the edge between one of them and the fourth.
     let mut contacts = along(&RECTANGLE, 4);
