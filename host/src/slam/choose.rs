@@ -132,9 +132,9 @@ const SHARE_HOLLOW: f64 = 0.55;
 const UNTOUCHED: f64 = 0.6;
 
 /// Where every face has its counterpart ([`COUNTERPART`]) hardly a side was missed: there a corner lies too far
-/// only if so many contacts are expected nearer to it. Of a house with a gable and one wall unfelt, where the
-/// roof comes down on the ground, it is four to five; of rectangles and other quadrilaterals with ten contacts
-/// one to three.
+/// only if so many contacts are expected nearer to it, and not every face has one that is [`OPPOSITE`]. Of a
+/// house with a gable and one wall unfelt, where the roof comes down on the ground, it is three to five; of
+/// rectangles and other quadrilaterals with ten contacts one to three.
 const EXPECTED: f64 = 3.3;
 
 /// Most faces of one contact that nothing else confirms, as a share of the contacts. It estimates how
@@ -339,9 +339,9 @@ fn examine(
         return Err(Refusal::Unexplained { unexplained, contacts: felt });
     }
     let Corner { distance, expected } = untouched(&polytope, contacts);
-    let paired = closures(&faces, contacts, COUNTERPART).is_empty();
+    let is_open = |counterpart| !closures(&faces, contacts, counterpart).is_empty();
     let is_far = distance > UNTOUCHED * farthest(contacts);
-    if !is_hollow && is_far && (!paired || expected > EXPECTED) {
+    if !is_hollow && is_far && (is_open(COUNTERPART) || expected > EXPECTED && is_open(OPPOSITE)) {
         return Err(Refusal::Untouched { distance });
     }
     Ok((faces, polytope))
