@@ -91,11 +91,26 @@ impl Sites {
         }
     }
 
+    /// Covariance of the rows with what `image` makes of them, noise-free, where that is symmetric: where the
+    /// image of an image is the row itself.
+    pub fn covariance_with(
+        &self,
+        kernel: &Kernel,
+        image: impl Fn(&Functional) -> Functional,
+    ) -> Lower {
+        let images: Vec<Functional> = self.rows.iter().map(image).collect();
+        self.lower_with(kernel, Of::Kernel, &images)
+    }
+
     fn lower(&self, kernel: &Kernel, of: Of) -> Lower {
+        self.lower_with(kernel, of, &self.rows)
+    }
+
+    fn lower_with(&self, kernel: &Kernel, of: Of, others: &[Functional]) -> Lower {
         let mut lower = Lower::zeros(self.rows());
         for (first, panel) in lower.panels_mut() {
-            let end = (first + WIDTH).min(self.rows());
-            run(Cross { sites: self, kernel, of, others: &self.rows[first..end], to: panel });
+            let end = (first + WIDTH).min(others.len());
+            run(Cross { sites: self, kernel, of, others: &others[first..end], to: panel });
         }
         lower
     }

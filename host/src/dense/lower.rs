@@ -69,3 +69,12 @@ impl Lower {
         sum
     }
 }
+
+/// Of matrices with as many rows.
+impl std::ops::AddAssign for Lower {
+    fn add_assign(&mut self, other: Lower) {
+        for (sum, more) in self.panels.iter_mut().zip(other.panels.iter()) {
+            *sum += more;
+        }
+    }
+}

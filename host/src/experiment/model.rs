@@ -83,7 +83,7 @@ impl Model {
     /// The shape of contacts in the object frame; `None` where the model gives none.
     pub fn reconstruct(&self, dimension: usize, contacts: &[Contact]) -> Option<Shape> {
         let ours = |choice| {
-            let (_, geometry, deviations) =
+            let reconstruct::Shape { geometry, deviations, .. } =
                 reconstruct::shape(dimension, contacts, &[], choice, &|_, _| {}).ok()?;
             Some(Shape { geometry, deviations })
         };

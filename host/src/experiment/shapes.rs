@@ -248,8 +248,8 @@ fn one(truth: &Geometry, options: &Options) -> Result<Run, SimError> {
         metrics::compare_at(&shape, &align::align(&shape, truth), truth)
     };
     let auto = reconstruct::shape(dimension, &contacts, &[], Choice::Auto, &|_, _| {}).ok();
-    let chosen = auto.as_ref().map(|(model, ..)| model.name() != Model::Gp.name());
-    let auto = judge(auto.map(|(_, geometry, _)| geometry));
+    let chosen = auto.as_ref().map(|auto| auto.model.name() != Model::Gp.name());
+    let auto = judge(auto.map(|auto| auto.geometry));
     let distances = MODELS.iter().map(|model| match model {
         Model::Auto => auto,
         // The same surface again.

@@ -2,6 +2,7 @@
 
 mod observe;
 mod posterior;
+mod symmetric;
 
 use std::sync::Arc;
 
@@ -141,18 +142,9 @@ impl Gpis {
         }
 
         let (sites, modes, observations) = (rows.sites(), rows.modes(), rows.observations);
-        let cholesky =
-            Cholesky::of(covariance(&sites, &kernel, &modes, &observations)).map_err(|row| {
-                Error::NotPositiveDefinite { row, contact: observations[row].contact }
-            })?;
-        let targets = DVector::from_iterator(n, observations.iter().map(|o| o.target));
-        let weights = cholesky.solve(&targets);
-        // Thesis 2.16 prints the negative of this without its constant, and σ_n for σ_n².
-        let log_marginal_likelihood = -0.5
-            * (targets.dot(&weights)
-                + cholesky.log_determinant()
-                + n as f64 * std::f64::consts::TAU.ln());
-
+        let covariance = observed(sites.covariance(&kernel), &modes, &observations);
+        let Solved { cholesky, weights, log_marginal_likelihood } =
+            solve(covariance, &observations)?;
         Ok(Gpis {
             dimension,
             kernel,
@@ -200,14 +192,9 @@ impl Gpis {
     }
 }
 
-/// Covariance of the observations: the field's, the prior mean's and their noise.
-fn covariance(
-    sites: &Sites,
-    kernel: &Kernel,
-    modes: &DMatrix<f64>,
-    observations: &[Observation],
-) -> Lower {
-    let mut matrix = sites.covariance(kernel);
+/// Covariance of the observations: the `field`'s, the prior mean's and their noise.
+fn observed(field: Lower, modes: &DMatrix<f64>, observations: &[Observation]) -> Lower {
+    let mut matrix = field;
     for (i, o) in observations.iter().enumerate() {
         *matrix.at(i, i) += o.variance;
     }
@@ -220,4 +207,30 @@ fn covariance(
         }
     }
     matrix
+}
+
+/// What observations say.
+struct Solved {
+    cholesky: Cholesky,
+    /// K⁻¹ y.
+    weights: DVector<f64>,
+    log_marginal_likelihood: f64,
+}
+
+/// Of observations with this covariance K.
+///
+/// # Errors
+/// When it is not positive definite.
+fn solve(covariance: Lower, observations: &[Observation]) -> Result<Solved, Error> {
+    let cholesky = Cholesky::of(covariance)
+        .map_err(|row| Error::NotPositiveDefinite { row, contact: observations[row].contact })?;
+    let n = observations.len();
+    let targets = DVector::from_iterator(n, observations.iter().map(|o| o.target));
+    let weights = cholesky.solve(&targets);
+    // Thesis 2.16 prints the negative of this without its constant, and σ_n for σ_n².
+    let log_marginal_likelihood = -0.5
+        * (targets.dot(&weights)
+            + cholesky.log_determinant()
+            + n as f64 * std::f64::consts::TAU.ln());
+    Ok(Solved { cholesky, weights, log_marginal_likelihood })
 }

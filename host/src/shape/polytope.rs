@@ -41,6 +41,9 @@ const EVIDENCE: f64 = 4.0;
 /// evenly, less because hands do not reach everywhere.
 const GHOST: f64 = 0.3;
 
+/// How far beyond a plane rounding may put its own corners, as a share of the object's size.
+const LEVEL: f64 = 1e-6;
+
 /// Deviations from the border of its facet from which on a contact counts in full.
 const CLEAR: f64 = 2.0;
 
@@ -356,6 +359,14 @@ impl Polytope {
             None => self.deviations,
         };
         Polytope { deviations, doubt, ..self }
+    }
+
+    /// Whether no part of the surface lies beyond a plane of another.
+    pub fn is_convex(&self) -> bool {
+        let corners = || self.pieces.iter().flat_map(|(_, corners)| corners);
+        let size = corners().map(|corner| corner.amax()).fold(0.0, f64::max);
+        let seen = self.pieces.iter().map(|(plane, _)| &self.planes[*plane]);
+        seen.into_iter().all(|face| corners().all(|corner| face.value(corner) < LEVEL * size))
     }
 
     /// How many planes with contacts the surface has.

@@ -258,7 +258,10 @@ pub fn close(faces: &Faces, contacts: &[Contact], free: &[Point]) -> Result<Poly
     let wide = closed(&[]);
     let far = |p: &Polytope| untouched(p, contacts).distance;
     let mut closings = closures(faces, contacts, COUNTERPART);
-    let is_missed = |p: &Polytope| far(p) > limit && untouched(p, contacts).expected > EXPECTED;
+    let is_missed = |p: &Polytope| {
+        let Corner { distance, expected } = untouched(p, contacts);
+        distance > limit && expected > EXPECTED
+    };
     if closings.is_empty() && wide.as_ref().is_some_and(is_missed) {
         closings = closures(faces, contacts, OPPOSITE);
     }

@@ -48,28 +48,35 @@ struct Candidate {
 /// Weight below which a surface is left out of the blend.
 const NEGLIGIBLE: f64 = 1e-3;
 
+/// What [`fit`] finds.
+#[derive(Clone, Debug)]
+pub struct Fitted {
+    /// Of the most probable surface.
+    pub kernel: Kernel,
+    /// All of them.
+    pub surface: Blend,
+    /// Whether a body of few numbers explains the contacts to their noise.
+    pub is_explained: bool,
+}
+
 /// The Matérn-3/2 surfaces that explain the contacts: about a ball, about another quadric or one cut by
 /// flat faces, about a superquadric, about a can, cup or cone, round or oval, about a block, about a prism
 /// (in the plane a polygon) with three to eight equal sides, and about the
 /// polytope of the faces, with and without the corners where a side was probably missed ([`Body`]). Each has the
 /// amplitude, the lengthscale and the factor on the contacts' noise that the contacts, and what suits
 /// most objects, make most plausible. They are blended as their probabilities are; more than sixty contacts
-/// decide for one. With the kernel of the most probable. `free` are points outside the object
-/// (fingertips that touched nothing).
+/// decide for one. `free` are points outside the object (fingertips that touched nothing).
 ///
 /// # Errors
 /// Without contacts, or when they are too many or too coincident for a dense surface.
-pub fn fit(
-    dimension: usize,
-    contacts: &[Contact],
-    free: &[Free],
-) -> Result<(Kernel, Blend), Error> {
+pub fn fit(dimension: usize, contacts: &[Contact], free: &[Free]) -> Result<Fitted, Error> {
     if contacts.len() > JUDGING {
         let model = model(dimension, contacts)?;
-        let surface = model.opened(dimension, contacts, free)?;
-        return Ok((model.kernel, Blend::new(vec![(1.0, surface)])));
+        let surface = Blend::new(vec![(1.0, model.opened(dimension, contacts, free)?)]);
+        return Ok(Fitted { kernel: model.kernel, surface, is_explained: explains(&model.body) });
     }
     let candidates = candidates(dimension, contacts, contacts)?;
+    let is_explained = is_explained(&candidates);
     let mut kernel = candidates[0].found.kernel;
     let (mut parts, mut most) = (Vec::new(), 0.0);
     for (weight, candidate) in weights(&candidates, contacts.len()).into_iter().zip(candidates) {
@@ -81,7 +88,12 @@ pub fn fit(
             }
         }
     }
-    Ok((kernel, Blend::new(parts)))
+    Ok(Fitted { kernel, surface: Blend::new(parts), is_explained })
+}
+
+/// Whether any body but the ball explains the contacts by itself.
+fn is_explained(candidates: &[Candidate]) -> bool {
+    candidates.iter().skip(1).any(Candidate::explains)
 }
 
 /// How probable each is, the ball first, up to a common factor. Where no other body explains the
@@ -89,8 +101,7 @@ pub fn fit(
 /// best leaves more than noise (quasi-likelihood; Burnham and Anderson, Model Selection and Multimodel
 /// Inference, 2002, section 2.5).
 fn weights(candidates: &[Candidate], contacts: usize) -> Vec<f64> {
-    let is_explained = candidates.iter().skip(1).any(Candidate::explains);
-    let bonus = if is_explained { 0.0 } else { GAIN * contacts as f64 };
+    let bonus = if is_explained(candidates) { 0.0 } else { GAIN * contacts as f64 };
     let bonuses = [bonus].into_iter().chain(std::iter::repeat(0.0));
     let evidence: Vec<f64> = candidates.iter().zip(bonuses).map(|(c, b)| c.evidence + b).collect();
     let most = evidence.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -277,7 +288,7 @@ pub fn fit_experts(dimension: usize, contacts: &[Contact]) -> Result<(Kernel, Ex
 }
 
 /// Up to `most` contacts, evenly through the list.
-fn spread(contacts: &[Contact], most: usize) -> Vec<Contact> {
+pub(super) fn spread(contacts: &[Contact], most: usize) -> Vec<Contact> {
     let stride = contacts.len().div_ceil(most).max(1);
     contacts.iter().step_by(stride).copied().collect()
 }
@@ -289,7 +300,7 @@ fn noisy(contacts: &[Contact], factor: f64) -> Vec<Contact> {
 
 /// By how much the likelihood understates the contacts' noise: a normal of length 1 has no noise
 /// along itself, so one of its rows is exact, which a common factor takes for less noise in all.
-fn exactness(dimension: usize, contacts: &[Contact]) -> f64 {
+pub(super) fn exactness(dimension: usize, contacts: &[Contact]) -> f64 {
     let exact = contacts.iter().filter(|c| c.normal.is_some()).count() as f64;
     let rows = contacts.len() as f64 + dimension as f64 * exact;
     (rows / (rows - exact).max(1.0)).sqrt()
@@ -340,7 +351,7 @@ pub(super) fn rounds(
 }
 
 /// What is believed of the process about a ball.
-fn usual(dimension: usize, contacts: &[Contact]) -> Search {
+pub(super) fn usual(dimension: usize, contacts: &[Contact]) -> Search {
     let usual = Search::default();
     let honest = 1.0 / exactness(dimension, contacts);
     let noise = usual.noise.map(|belief| Belief { mode: belief.mode * honest, ..belief });
@@ -407,4 +418,4 @@ impl Candidate {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

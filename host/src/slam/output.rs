@@ -117,6 +117,7 @@ pub fn conclude(
         dimension: log.dimension,
         tracker: provenance.tracker,
         model: reconstruction.model.name(),
+        mirrors: reconstruction.mirrors.len(),
         grasps: &grasps,
         estimate: Some(&reconstruction.geometry),
         truth,

@@ -7,17 +7,31 @@ use nalgebra::{Matrix3x6, Matrix6, Vector6};
 use crate::experts;
 use crate::log::GraspLog;
 use crate::reference::gpis::Error as SurfaceError;
-use crate::reference::{Contact, Faces};
+use crate::reference::{Contact, Faces, Mirror};
 use crate::shape::lattice::LatticeError;
 use crate::shape::polytope::{Polytope, intersection};
 use crate::shape::{Field, Geometry, contour, surface};
 use crate::slam::choose::{self, Choice, Model, Refusal, only};
 use crate::slam::fit::{self, fit_experts, open_beside};
 use crate::slam::free::Free;
+use crate::slam::mirrors::Mirrored;
 use crate::slam::sift;
 use crate::slam::track::Step;
 use crate::slam::{Progress, deviations, usual_deviations};
 use crate::space::{Point, Pose};
+
+/// A surface, in the frame of the contacts that it was made of.
+#[derive(Clone, Debug)]
+pub struct Shape {
+    /// What it was made with.
+    pub model: Model,
+    /// Outline or mesh: the polytope of the faces, or the touched part of the zero set.
+    pub geometry: Geometry,
+    /// Standard deviation along the normal at each of its vertices, metres.
+    pub deviations: Vec<f64>,
+    /// Planes that contacts were reflected in, for the object seems to be its own image there ([`Mirrored`]).
+    pub mirrors: Vec<Mirror>,
+}
 
 /// A contact in the object frame, as the surface was fitted to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,6 +53,8 @@ pub struct Reconstruction {
     pub contacts: Vec<Placed>,
     /// What it was made with.
     pub model: Model,
+    /// Planes that it was taken to be its own mirror image in, object frame.
+    pub mirrors: Vec<Mirror>,
 }
 
 /// Why there is no reconstruction.
@@ -122,7 +138,7 @@ pub fn reconstruct_known(
     }
     let free = free(log, steps);
     let outside: Vec<Point> = free.iter().map(|f| f.point).collect();
-    let (model, geometry, deviations) = match faces {
+    let shape = match faces {
         None => shape(log.dimension, &all, &free, choice, progress)?,
         Some(faces) => {
             let trusted = choose::trusted(faces, &all, &outside);
@@ -134,18 +150,19 @@ pub fn reconstruct_known(
             shape_of(log.dimension, &contacts, &free, &known, choice, progress)?
         }
     };
-    Ok(Reconstruction { geometry, deviations, contacts: placed, model })
+    Ok(Reconstruction::new(shape, placed))
 }
 
-/// A shape of faces as [`shape`] has it.
-fn shaped(polytope: Polytope) -> (Model, Geometry, Vec<f64>) {
-    let (geometry, deviations) = (polytope.geometry.clone(), polytope.deviations.clone());
-    (Model::Faces(Box::new(polytope)), geometry, deviations)
+impl Shape {
+    fn flat(polytope: Polytope, mirrors: Vec<Mirror>) -> Shape {
+        let (geometry, deviations) = (polytope.geometry.clone(), polytope.deviations.clone());
+        Shape { model: Model::Faces(Box::new(polytope)), geometry, deviations, mirrors }
+    }
 }
 
-/// The shape of contacts and free points in the object frame: the model chosen, outline or mesh, and
-/// the standard deviation at each of its vertices, metres. A dense surface is made without the contacts
-/// that [`sift`] does not trust.
+/// The shape of contacts and free points in the object frame. A dense surface is made without the contacts
+/// that [`sift`] does not trust. Where no body of few numbers explains them, and where faces show a hollow, what was
+/// felt is taken to hold for its mirror image, too, if the object seems to be its own ([`Mirrored`]).
 ///
 /// # Errors
 /// As [`reconstruct()`].
@@ -155,7 +172,7 @@ pub fn shape(
     free: &[Free],
     choice: Choice,
     progress: Progress<'_>,
-) -> Result<(Model, Geometry, Vec<f64>), Error> {
+) -> Result<Shape, Error> {
     shape_of(dimension, contacts, free, &|| None, choice, progress)
 }
 
@@ -167,33 +184,67 @@ fn shape_of(
     known: &dyn Fn() -> Option<Polytope>,
     choice: Choice,
     progress: Progress<'_>,
-) -> Result<(Model, Geometry, Vec<f64>), Error> {
-    let doubted = |polytope: Polytope, contacts: &[Contact]| {
-        shaped(polytope.doubted(open_beside(dimension, contacts, free)))
+) -> Result<Shape, Error> {
+    let flat = |(polytope, mirrors): (Polytope, Vec<Mirror>), contacts: &[Contact]| {
+        let doubt = open_beside(dimension, contacts, free);
+        Shape::flat(polytope.doubted(doubt), mirrors)
     };
     if let Some(polytope) = faced(dimension, contacts, free, known, choice)? {
-        return Ok(doubted(polytope, contacts));
+        return Ok(flat(mirrored_faces(polytope, dimension, contacts, free, choice)?, contacts));
     }
     if contacts.len() > DENSE[usize::from(dimension == 3)] {
         let (kernel, experts) = fit_experts(dimension, contacts)?;
         experts.settle(progress);
         let (geometry, deviations) = extract(dimension, &experts, contacts)?;
-        return Ok((Model::Gp(kernel), geometry, deviations));
+        return Ok(Shape { model: Model::Gp(kernel), geometry, deviations, mirrors: vec![] });
     }
     let trusted = only(contacts, &sift::trusted(dimension, contacts));
     if trusted.len() < contacts.len()
         && let Some(polytope) = faced(dimension, &trusted, free, known, choice)?
     {
-        return Ok(doubted(polytope, &trusted));
+        return Ok(flat((polytope, vec![]), &trusted));
     }
     let contacts = &trusted;
-    let (kernel, blend) = fit::fit(dimension, contacts, free)?;
-    let (geometry, deviations) = extract(dimension, &blend, contacts)?;
+    let mut fitted = fit::fit(dimension, contacts, free)?;
+    let mut felt = Mirrored::unmoved(contacts);
+    if !fitted.is_explained
+        && let Some(mirrored) = Mirrored::of(dimension, contacts)
+    {
+        felt = mirrored;
+        if choice == Choice::Auto
+            && let Some(polytope) = faced(dimension, &felt.contacts, free, &|| None, choice)?
+        {
+            return Ok(flat((polytope, felt.mirrors), contacts));
+        }
+        fitted = fit::fit(dimension, &felt.contacts, free)?;
+    }
+    let (geometry, deviations) = extract(dimension, &fitted.surface, &felt.contacts)?;
     let deviations = match open_beside(dimension, contacts, free) {
         Some(doubt) => doubt.widened(&geometry.vertices(), &deviations),
         None => deviations,
     };
-    Ok((Model::Gp(kernel), geometry, deviations))
+    let model = Model::Gp(fitted.kernel);
+    Ok(Shape { model, geometry, deviations, mirrors: felt.mirrors })
+}
+
+/// Faces as they are, or where they show a hollow those of the contacts and their images, if these are no more:
+/// of two that are each other's image both are as well known as one was.
+fn mirrored_faces(
+    own: Polytope,
+    dimension: usize,
+    contacts: &[Contact],
+    free: &[Free],
+    choice: Choice,
+) -> Result<(Polytope, Vec<Mirror>), Error> {
+    if choice == Choice::Auto
+        && !own.is_convex()
+        && let Some(felt) = Mirrored::of(dimension, contacts)
+        && let Some(faces) = faced(dimension, &felt.contacts, free, &|| None, choice)?
+        && faces.touched_planes() <= own.touched_planes()
+    {
+        return Ok((faces, felt.mirrors));
+    }
+    Ok((own, vec![]))
 }
 
 /// The shape of faces, where that is the choice.
@@ -341,6 +392,12 @@ pub fn extract_at(
 }
 
 impl Reconstruction {
+    /// The shape of these contacts, and of wild ones that it was made without.
+    pub fn new(shape: Shape, contacts: Vec<Placed>) -> Reconstruction {
+        let Shape { model, geometry, deviations, mirrors } = shape;
+        Reconstruction { geometry, deviations, contacts, model, mirrors }
+    }
+
     /// Everything in another frame.
     pub fn transformed(&self, pose: &Pose) -> Reconstruction {
         Reconstruction {
@@ -352,6 +409,7 @@ impl Reconstruction {
                 .map(|p| Placed { contact: p.contact.transformed(pose), ..*p })
                 .collect(),
             model: self.model.clone(),
+            mirrors: self.mirrors.iter().map(|mirror| mirror.transformed(pose)).collect(),
         }
     }
 }

@@ -348,12 +348,11 @@ fn surfaces(dimension: usize, grasps: &[Grasp], noise: &Noise) -> (Option<String
     }
     let all: Vec<Contact> = contacts.iter().map(|p| p.contact).collect();
     let none: Vec<Free> = Vec::new();
-    let Ok((model, geometry, deviations)) = shape(dimension, &all, &none, Choice::Auto, &|_, _| ())
-    else {
+    let Ok(shape) = shape(dimension, &all, &none, Choice::Auto, &|_, _| ()) else {
         return (None, Vec::new());
     };
-    let name = model.name().to_owned();
-    let reconstruction = Reconstruction { geometry, deviations, contacts, model };
+    let name = shape.model.name().to_owned();
+    let reconstruction = Reconstruction::new(shape, contacts);
     (Some(name), grow(dimension, &reconstruction, &|_| Vec::new()))
 }
 

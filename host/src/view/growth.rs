@@ -119,7 +119,7 @@ fn coarse(
             return Some(coloured(&polytope.geometry, &polytope));
         }
     }
-    let (_, blend) = fit(dimension, contacts, free).ok()?;
+    let blend = fit(dimension, contacts, free).ok()?.surface;
     let (geometry, deviations) =
         extract_at(dimension, &blend, contacts, CELLS[usize::from(dimension == 3)]).ok()?;
     Some(match geometry {

@@ -44,6 +44,9 @@ pub struct Report {
 pub struct SurfaceErrors {
     /// Which surface model made the estimate.
     pub model: String,
+    /// In how many planes the object was taken to be its own mirror image.
+    #[serde(default)]
+    pub mirrors: usize,
     /// Hausdorff distance in the true object frame.
     pub hausdorff_mm: Option<f64>,
     /// Hausdorff distance after the best rigid alignment.
@@ -104,6 +107,8 @@ pub struct Run<'a> {
     pub tracker: &'a str,
     /// Which surface model made the estimate.
     pub model: &'a str,
+    /// In how many planes the object was taken to be its own mirror image.
+    pub mirrors: usize,
     /// The grasps in time order.
     pub grasps: &'a [JudgedGrasp],
     /// The estimated shape in the estimated object frame.
@@ -182,6 +187,7 @@ impl Report {
             tracker: run.tracker.into(),
             surface: SurfaceErrors {
                 model: run.model.into(),
+                mirrors: run.mirrors,
                 hausdorff_mm: plain.map(|d| millimetres(d.hausdorff)),
                 hausdorff_aligned_mm: aligned.map(|d| millimetres(d.hausdorff)),
                 mean_mm: plain.map(|d| millimetres(d.mean)),
@@ -241,6 +247,11 @@ impl fmt::Display for Report {
             "{} grasps, {} contacts, {}D, tracker {}, surface {}",
             self.grasps, self.contacts, self.dimension, self.tracker, self.surface.model
         )?;
+        match self.surface.mirrors {
+            0 => {}
+            1 => writeln!(f, "  taken to be its own mirror image in a plane")?,
+            several => writeln!(f, "  taken to be its own mirror image in {several} planes")?,
+        }
         let mut row = |name: &str, value: String, note: &str| {
             writeln!(f, "{}", format!("  {name:<22}{value:>12}  {note}").trim_end())
         };
@@ -303,6 +314,7 @@ mod tests {
             dimension: 2,
             tracker: "bootstrap",
             model: "gp",
+            mirrors: 0,
             grasps: &grasps,
             estimate: Some(&estimate),
             truth: Some(&square(0.02)),
@@ -323,6 +335,7 @@ mod tests {
   "tracker": "bootstrap",
   "surface": {
     "model": "gp",
+    "mirrors": 0,
     "hausdorff_mm": 1.414,
     "hausdorff_aligned_mm": 1.414,
     "mean_mm": 1.005,
@@ -373,6 +386,7 @@ mod tests {
             dimension: 2,
             tracker: "bootstrap",
             model: "gp",
+            mirrors: 0,
             grasps: &grasps,
             estimate: Some(&estimate),
             truth: None,
@@ -410,6 +424,7 @@ mod tests {
             dimension: 2,
             tracker: "bootstrap",
             model: "gp",
+            mirrors: 0,
             grasps: &grasps(planar(0.0, 0.0, 0.0)),
             estimate: None,
             truth: None,
@@ -431,6 +446,7 @@ mod tests {
             dimension: 2,
             tracker: "bootstrap",
             model: "gp",
+            mirrors: 0,
             grasps: &[],
             estimate: None,
             truth: None,

@@ -15,7 +15,7 @@ use crate::explore::{Belief, Criterion, Settings, explore_until};
 use crate::shape::{Field, Geometry};
 use crate::sim::{ObjectSpec, SimError};
 use crate::slam::choose::Choice;
-use crate::slam::reconstruct::shape;
+use crate::slam::reconstruct::{Shape, shape};
 use crate::space::{Point, Pose};
 use crate::view::sheet::{self, Panel, Sheet};
 
@@ -216,7 +216,7 @@ fn pair(shot: &Shot, truth: &Geometry) -> [Panel; 2] {
     let surface = panel(shot, truth);
     let chosen = shape(3, &shot.belief.contacts, &[], Choice::Auto, &|_, _| ()).ok();
     let faces = match chosen {
-        Some((_, estimate, deviations)) => {
+        Some(Shape { geometry: estimate, deviations, .. }) => {
             let from = |p: Point| estimate.distance(&(shot.frame * Point3::from(p)).coords);
             let all: Vec<f64> = truth.samples(400).into_iter().map(|(p, _)| from(p)).collect();
             let mean = all.iter().sum::<f64>() / all.len().max(1) as f64;

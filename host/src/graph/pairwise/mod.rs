@@ -37,7 +37,7 @@ use crate::log::GraspLog;
 use crate::reference::Contact;
 use crate::shape::Geometry;
 use crate::slam::choose::Choice;
-use crate::slam::reconstruct::{doubt, shape};
+use crate::slam::reconstruct::{Shape, doubt, shape};
 use crate::slam::track::Step;
 use crate::slam::usual_deviations;
 use crate::space::Pose;
@@ -263,7 +263,7 @@ pub fn faces_at(log: &GraspLog, contacts: &[Contact]) -> Vec<Option<usize>> {
     }
     let tolerance = TOLERANCE * usual_deviations(&log.noise).0;
     let segments = match shape(log.dimension, contacts, &[], Choice::Auto, &|_, _| ()) {
-        Ok((_, Geometry::Outline(outline), _)) => {
+        Ok(Shape { geometry: Geometry::Outline(outline), .. }) => {
             segmentation::segments(&outline, tolerance).unwrap_or_default()
         }
         _ => Vec::new(),

@@ -6,7 +6,11 @@ use crate::slam::choose::{self, Choice, judge};
 use crate::slam::{reconstruct, track};
 
 /// Contacts drawn uniformly, 1 mm and 5°, and points of the true surface.
-fn touched(object: &str, contacts: usize, seed: u64) -> (usize, Vec<Contact>, Vec<Point>) {
+pub(crate) fn touched(
+    object: &str,
+    contacts: usize,
+    seed: u64,
+) -> (usize, Vec<Contact>, Vec<Point>) {
     let spec: ObjectSpec = object.parse().unwrap();
     let options = Options {
         grasps: Some(1),
@@ -26,7 +30,7 @@ fn touched(object: &str, contacts: usize, seed: u64) -> (usize, Vec<Contact>, Ve
 fn error(object: &str, contacts: usize) -> f64 {
     let one = |seed: u64| {
         let (dimension, contacts, truth) = touched(object, contacts, seed);
-        let (_, gpis) = fit(dimension, &contacts, &[]).unwrap();
+        let gpis = fit(dimension, &contacts, &[]).unwrap().surface;
         let squares: f64 = gpis.values(&truth).iter().map(|v| v * v).sum();
         (squares / truth.len() as f64).sqrt()
     };
@@ -53,7 +57,7 @@ fn five_contacts_say_more_than_a_ball() {
 fn what_contacts_contradict_is_no_ball() {
     let gained = |seed: u64| {
         let (dimension, contacts, truth) = touched("lshape:0.1x0.08x0.03", 12, seed);
-        let (_, gpis) = fit(dimension, &contacts, &[]).unwrap();
+        let gpis = fit(dimension, &contacts, &[]).unwrap().surface;
         let ball = Body::ball(dimension, &contacts).unwrap();
         let ball = Candidate::new(dimension, &contacts, 0.05, ball, Search::default()).unwrap();
         let Found { kernel, noise, .. } = ball.found;
@@ -123,8 +127,8 @@ fn faces_of_a_can_are_no_prism_those_of_a_hexagon_equal_and_those_of_a_box_stay(
         let simpler = simpler(dimension, &contacts, &faces);
         assert_eq!(simpler.is_some(), simple, "{object} {seed}");
         let auto = Choice::Auto;
-        let (model, ..) = reconstruct::shape(dimension, &contacts, &[], auto, &|_, _| {}).unwrap();
-        let made = match model {
+        let made = reconstruct::shape(dimension, &contacts, &[], auto, &|_, _| {}).unwrap();
+        let made = match made.model {
             choose::Model::Gp(_) => None,
             choose::Model::Faces(polytope) => Some(polytope.planes.len()),
         };
@@ -139,7 +143,7 @@ fn equal_sides_leave_open_what_is_free() {
         let free = Free { point: Point::x() * away, deviation: 1e-3 };
         let auto = Choice::Auto;
         let made = reconstruct::shape(dimension, &contacts, &[free], auto, &|_, _| {});
-        assert_eq!(matches!(made.unwrap().0, choose::Model::Faces(_)), is_flat, "{away}");
+        assert_eq!(matches!(made.unwrap().model, choose::Model::Faces(_)), is_flat, "{away}");
     }
 }
 
@@ -167,7 +171,7 @@ fn a_can_is_known_from_thirty_contacts() {
 
 #[test]
 fn a_cup_is_known_from_ten_contacts() {
-    let (_, surface) = fit(3, &cup(1.0, 7, [1, 2]), &[]).unwrap();
+    let surface = fit(3, &cup(1.0, 7, [1, 2]), &[]).unwrap().surface;
     let side: Vec<Point> = cup(1.0, 100, [0, 0]).into_iter().map(|c| c.point).collect();
     let worst = surface.values(&side).into_iter().fold(0.0, |most, v| v.abs().max(most));
     assert!(worst < 1e-3, "{worst}");
@@ -180,7 +184,7 @@ fn a_body_that_contacts_move_has_no_other_sheet() {
         [("box:0.15x0.2x0.06", 40, 1002), ("box:0.1x0.07x0.05", 12, 1002)]
     {
         let (dimension, contacts, truth) = touched(object, contacts, seed);
-        let (_, gpis) = fit(dimension, &contacts, &[]).unwrap();
+        let gpis = fit(dimension, &contacts, &[]).unwrap().surface;
         let far: Vec<Point> =
             (4..40).flat_map(|k| truth.iter().map(move |p| p * f64::from(k) * 0.5)).collect();
         let nearest = gpis.values(&far).into_iter().fold(f64::INFINITY, f64::min);
@@ -202,7 +206,7 @@ fn contacts_on_one_side_leave_the_other_open() {
     };
     let contacts: Vec<Contact> = (-2..=2).map(touch).collect();
     let no = |_, _| {};
-    let (_, geometry, deviations) =
+    let reconstruct::Shape { geometry, deviations, .. } =
         reconstruct::shape(2, &contacts, &[], Default::default(), &no).unwrap();
     let truth = Point::new(-0.06, 0.0, 0.0);
     let vertices = geometry.vertices();
@@ -231,7 +235,7 @@ fn any_contacts_have_a_finite_answer() {
         .collect();
     let bare: Vec<Contact> = contacts.iter().map(|c| Contact { normal: None, ..*c }).collect();
     for contacts in [&contacts[..1], &contacts[..2], &same, &flat, &bare] {
-        let (_, gpis) = fit(3, contacts, &[]).unwrap();
+        let gpis = fit(3, contacts, &[]).unwrap().surface;
         assert!(gpis.values(&truth).iter().chain(&gpis.deviations(&truth)).all(|v| v.is_finite()));
     }
     assert!(matches!(fit(3, &[], &[]), Err(Error::NoContacts)));

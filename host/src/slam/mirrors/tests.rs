@@ -1,0 +1,118 @@
+use super::*;
+use crate::reference::mirror::images;
+use crate::shape::{align, metrics};
+use crate::sim::ObjectSpec;
+use crate::slam::choose::{Choice, judge};
+use crate::slam::fit::tests::touched;
+use crate::slam::reconstruct;
+
+const TEE: &str = "tshape:0.1x0.08x0.03";
+
+#[test]
+fn a_tee_is_its_own_image() {
+    let is_found = |seed: &u64| {
+        let (dimension, contacts, _) = touched(TEE, 25, *seed);
+        let Some(felt) = Mirrored::of(dimension, &contacts) else { return false };
+        let Mirror { normal, offset } = felt.mirrors[0];
+        normal.x.abs() > 0.99 && offset.abs() < 3e-3
+    };
+    let found = (3000..3010).filter(is_found).count();
+    assert!(found >= 7, "{found} of 10");
+}
+
+#[test]
+fn what_is_not_its_own_image_has_no_mirror() {
+    for object in [
+        "corners:-0.05x-0.03,0.05x-0.04,0.02x0.04,-0.04x0.02",
+        "corners:-0.04x-0.03,0.05x-0.03,-0.04x0.04",
+    ] {
+        let is_taken = |seed: &u64| {
+            let (dimension, contacts, _) = touched(object, 25, *seed);
+            Mirrored::of(dimension, &contacts).is_some()
+        };
+        let taken = (3000..3010).filter(is_taken).count();
+        assert!(taken <= 2, "{object}: {taken} of 10");
+    }
+}
+
+#[test]
+fn a_prism_has_two_mirrors() {
+    let object = "tshape:0.1x0.08x0.03x0.05";
+    let (dimension, contacts, _) = touched(object, 80, 3000);
+    let felt = Mirrored::of(dimension, &contacts).unwrap();
+    let [first, second] = [0, 1].map(|i| felt.mirrors[i].normal);
+    assert!(first.dot(&second).abs() < 1e-9);
+    assert!(first.y.abs() < 0.1 && second.y.abs() < 0.1, "{first} {second}");
+    assert_eq!(felt.contacts.len(), 320);
+}
+
+#[test]
+fn images_are_less_certain_than_contacts() {
+    let (dimension, contacts, _) = touched(TEE, 25, 3000);
+    let felt = Mirrored::of(dimension, &contacts).unwrap();
+    let images = images(&felt.mirrors);
+    assert_eq!(felt.contacts.len(), images.len() * contacts.len());
+    let all = felt.contacts.chunks(contacts.len()).zip(&images);
+    for (seen, image) in all {
+        for (seen, contact) in seen.iter().zip(&contacts) {
+            assert!((seen.point - image.point(&contact.point)).norm() < 1e-12);
+            assert!(seen.point_deviation >= contact.point_deviation);
+            assert!(seen.normal_deviation >= contact.normal_deviation);
+        }
+    }
+    // By less than a millimetre where so many contacts speak for the mirror, but by something.
+    let more = |c: &Contact| c.point_deviation > 1.02e-3 && c.point_deviation < 2e-3;
+    assert!(felt.contacts[contacts.len()..].iter().filter(|c| more(c)).count() > 20);
+}
+
+/// Medians of the Hausdorff distance over seeds, metres: as it is, and of the contacts' own faces or surface.
+fn errors(object: &str, contacts: usize) -> [f64; 2] {
+    let truth = object.parse::<ObjectSpec>().unwrap().geometry().unwrap();
+    let one = |seed: u64| {
+        let (dimension, contacts, _) = touched(object, contacts, seed);
+        let made = reconstruct::shape(dimension, &contacts, &[], Choice::Auto, &|_, _| {}).unwrap();
+        let alone = match judge(dimension, &contacts, &[]) {
+            Ok((_, polytope)) => polytope.geometry,
+            Err(_) => {
+                let surface = crate::slam::fit::fit(dimension, &contacts, &[]).unwrap().surface;
+                reconstruct::extract(dimension, &surface, &contacts).unwrap().0
+            }
+        };
+        [made.geometry, alone].map(|shape| {
+            let aligned = align::align(&shape, &truth);
+            metrics::compare_at(&shape, &aligned, &truth).unwrap().hausdorff
+        })
+    };
+    let all: Vec<[f64; 2]> = (3000..3009).into_par_iter().map(one).collect();
+    [0, 1].map(|which| {
+        let mut errors: Vec<f64> = all.iter().map(|errors| errors[which]).collect();
+        errors.sort_by(f64::total_cmp);
+        errors[4]
+    })
+}
+
+#[test]
+fn what_is_its_own_image_is_known_better() {
+    let [made, alone] = errors("tshape:0.09x0.09x0.03", 15);
+    assert!(made < 0.85 * alone, "{made} {alone}");
+}
+
+#[test]
+fn nonsense_has_no_mirror() {
+    let (dimension, contacts, _) = touched(TEE, 25, 3000);
+    assert!(Mirrored::of(dimension, &[]).is_none());
+    assert!(Mirrored::of(dimension, &contacts[..1]).is_none());
+    assert!(Mirrored::of(dimension, &vec![contacts[0]; 9]).is_none());
+    let doubtful: Vec<Contact> =
+        contacts.iter().map(|c| Contact { normal_deviation: 0.3, ..*c }).collect();
+    assert!(Mirrored::of(dimension, &doubtful).is_none());
+    let far: Vec<Contact> =
+        contacts.iter().map(|c| Contact { point: c.point * f64::INFINITY, ..*c }).collect();
+    assert!(Mirrored::of(dimension, &far).is_none());
+    // Nor have so many that images would take long.
+    let (_, many, _) = touched(TEE, 161, 3000);
+    assert!(Mirrored::of(dimension, &many).is_none());
+    let bare: Vec<Contact> = contacts.iter().map(|c| Contact { normal: None, ..*c }).collect();
+    let felt = Mirrored::of(dimension, &bare).map(|felt| felt.contacts).unwrap_or_default();
+    assert!(felt.iter().all(|c| c.checked().is_some()));
+}
