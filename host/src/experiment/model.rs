@@ -83,8 +83,15 @@ impl Model {
     /// The shape of contacts in the object frame; `None` where the model gives none.
     pub fn reconstruct(&self, dimension: usize, contacts: &[Contact]) -> Option<Shape> {
         let ours = |choice| {
-            let reconstruct::Shape { geometry, deviations, .. } =
-                reconstruct::shape(dimension, contacts, &[], choice, &|_, _| {}).ok()?;
+            let reconstruct::Shape { geometry, deviations, .. } = reconstruct::shape(
+                dimension,
+                contacts,
+                &[],
+                reconstruct::Poses::Known,
+                choice,
+                &|_, _| {},
+            )
+            .ok()?;
             Some(Shape { geometry, deviations })
         };
         match self {

@@ -247,7 +247,15 @@ fn one(truth: &Geometry, options: &Options) -> Result<Run, SimError> {
         let shape = shape?;
         metrics::compare_at(&shape, &align::align(&shape, truth), truth)
     };
-    let auto = reconstruct::shape(dimension, &contacts, &[], Choice::Auto, &|_, _| {}).ok();
+    let auto = reconstruct::shape(
+        dimension,
+        &contacts,
+        &[],
+        reconstruct::Poses::Known,
+        Choice::Auto,
+        &|_, _| {},
+    )
+    .ok();
     let chosen = auto.as_ref().map(|auto| auto.model.name() != Model::Gp.name());
     let auto = judge(auto.map(|auto| auto.geometry));
     let distances = MODELS.iter().map(|model| match model {

@@ -33,6 +33,31 @@ pub struct Shape {
     pub mirrors: Vec<Mirror>,
 }
 
+/// Where the poses come from that put contacts into the object frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Poses {
+    /// They are known.
+    Known,
+    /// They were estimated. Contacts of one grasp are then wrong together, which makes wrong mirrors likely, so
+    /// that none are sought: on simulated hands one shape of twelve gained 10 mm by them, and one lost 11.
+    Estimated,
+}
+
+impl Poses {
+    fn of(steps: &[Step]) -> Poses {
+        let is_known = steps.iter().all(|step| step.covariance == Matrix6::zeros());
+        if is_known { Poses::Known } else { Poses::Estimated }
+    }
+
+    /// The contacts and their images, where there are mirrors.
+    fn mirrored(self, dimension: usize, contacts: &[Contact]) -> Option<Mirrored> {
+        match self {
+            Poses::Known => Mirrored::of(dimension, contacts),
+            Poses::Estimated => None,
+        }
+    }
+}
+
 /// A contact in the object frame, as the surface was fitted to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placed {
@@ -139,7 +164,7 @@ pub fn reconstruct_known(
     let free = free(log, steps);
     let outside: Vec<Point> = free.iter().map(|f| f.point).collect();
     let shape = match faces {
-        None => shape(log.dimension, &all, &free, choice, progress)?,
+        None => shape(log.dimension, &all, &free, Poses::of(steps), choice, progress)?,
         Some(faces) => {
             let trusted = choose::trusted(faces, &all, &outside);
             let contacts = only(&all, &trusted);
@@ -147,7 +172,7 @@ pub fn reconstruct_known(
             let own = faces.faces.clone();
             let faces = Faces::explaining(log.dimension, &contacts, own, owners);
             let known = || choose::known(&faces, &contacts, &outside);
-            shape_of(log.dimension, &contacts, &free, &known, choice, progress)?
+            shape_of(log.dimension, &contacts, &free, &known, Poses::Estimated, choice, progress)?
         }
     };
     Ok(Reconstruction::new(shape, placed))
@@ -162,7 +187,8 @@ impl Shape {
 
 /// The shape of contacts and free points in the object frame. A dense surface is made without the contacts
 /// that [`sift`] does not trust. Where no body of few numbers explains them, and where faces show a hollow, what was
-/// felt is taken to hold for its mirror image, too, if the object seems to be its own ([`Mirrored`]).
+/// felt is taken to hold for its mirror image, too, if the object seems to be its own ([`Mirrored`]) and `poses` are
+/// known.
 ///
 /// # Errors
 /// As [`reconstruct()`].
@@ -170,10 +196,11 @@ pub fn shape(
     dimension: usize,
     contacts: &[Contact],
     free: &[Free],
+    poses: Poses,
     choice: Choice,
     progress: Progress<'_>,
 ) -> Result<Shape, Error> {
-    shape_of(dimension, contacts, free, &|| None, choice, progress)
+    shape_of(dimension, contacts, free, &|| None, poses, choice, progress)
 }
 
 /// The same, of faces that are `known` where flat sides suit the contacts and these are not equal.
@@ -182,6 +209,7 @@ fn shape_of(
     contacts: &[Contact],
     free: &[Free],
     known: &dyn Fn() -> Option<Polytope>,
+    poses: Poses,
     choice: Choice,
     progress: Progress<'_>,
 ) -> Result<Shape, Error> {
@@ -190,7 +218,10 @@ fn shape_of(
         Shape::flat(polytope.doubted(doubt), mirrors)
     };
     if let Some(polytope) = faced(dimension, contacts, free, known, choice)? {
-        return Ok(flat(mirrored_faces(polytope, dimension, contacts, free, choice)?, contacts));
+        return Ok(flat(
+            mirrored_faces(polytope, dimension, contacts, free, poses, choice)?,
+            contacts,
+        ));
     }
     if contacts.len() > DENSE[usize::from(dimension == 3)] {
         let (kernel, experts) = fit_experts(dimension, contacts)?;
@@ -208,7 +239,7 @@ fn shape_of(
     let mut fitted = fit::fit(dimension, contacts, free)?;
     let mut felt = Mirrored::unmoved(contacts);
     if !fitted.is_explained
-        && let Some(mirrored) = Mirrored::of(dimension, contacts)
+        && let Some(mirrored) = poses.mirrored(dimension, contacts)
     {
         felt = mirrored;
         if choice == Choice::Auto
@@ -234,11 +265,12 @@ fn mirrored_faces(
     dimension: usize,
     contacts: &[Contact],
     free: &[Free],
+    poses: Poses,
     choice: Choice,
 ) -> Result<(Polytope, Vec<Mirror>), Error> {
     if choice == Choice::Auto
         && !own.is_convex()
-        && let Some(felt) = Mirrored::of(dimension, contacts)
+        && let Some(felt) = poses.mirrored(dimension, contacts)
         && let Some(faces) = faced(dimension, &felt.contacts, free, &|| None, choice)?
         && faces.touched_planes() <= own.touched_planes()
     {

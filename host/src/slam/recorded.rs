@@ -15,7 +15,7 @@ use crate::log::replayed::{Heard, Rest, listen};
 use crate::reference::Contact;
 use crate::slam::choose::Choice;
 use crate::slam::free::Free;
-use crate::slam::reconstruct::{Placed, Reconstruction, doubt, shape};
+use crate::slam::reconstruct::{Placed, Poses, Reconstruction, doubt, shape};
 use crate::slam::track::Step;
 use crate::slam::{Progress, usual_deviations};
 use crate::space::{Point, Pose};
@@ -348,7 +348,8 @@ fn surfaces(dimension: usize, grasps: &[Grasp], noise: &Noise) -> (Option<String
     }
     let all: Vec<Contact> = contacts.iter().map(|p| p.contact).collect();
     let none: Vec<Free> = Vec::new();
-    let Ok(shape) = shape(dimension, &all, &none, Choice::Auto, &|_, _| ()) else {
+    let Ok(shape) = shape(dimension, &all, &none, Poses::Estimated, Choice::Auto, &|_, _| ())
+    else {
         return (None, Vec::new());
     };
     let name = shape.model.name().to_owned();

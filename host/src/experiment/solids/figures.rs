@@ -15,7 +15,7 @@ use crate::explore::{Belief, Criterion, Settings, explore_until};
 use crate::shape::{Field, Geometry};
 use crate::sim::{ObjectSpec, SimError};
 use crate::slam::choose::Choice;
-use crate::slam::reconstruct::{Shape, shape};
+use crate::slam::reconstruct::{Poses, Shape, shape};
 use crate::space::{Point, Pose};
 use crate::view::sheet::{self, Panel, Sheet};
 
@@ -214,7 +214,8 @@ fn panel(shot: &Shot, truth: &Geometry) -> Panel {
 /// The surface and what the contacts make where faces may be chosen.
 fn pair(shot: &Shot, truth: &Geometry) -> [Panel; 2] {
     let surface = panel(shot, truth);
-    let chosen = shape(3, &shot.belief.contacts, &[], Choice::Auto, &|_, _| ()).ok();
+    let chosen =
+        shape(3, &shot.belief.contacts, &[], Poses::Estimated, Choice::Auto, &|_, _| ()).ok();
     let faces = match chosen {
         Some(Shape { geometry: estimate, deviations, .. }) => {
             let from = |p: Point| estimate.distance(&(shot.frame * Point3::from(p)).coords);

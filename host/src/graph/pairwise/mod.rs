@@ -37,7 +37,7 @@ use crate::log::GraspLog;
 use crate::reference::Contact;
 use crate::shape::Geometry;
 use crate::slam::choose::Choice;
-use crate::slam::reconstruct::{Shape, doubt, shape};
+use crate::slam::reconstruct::{Poses, Shape, doubt, shape};
 use crate::slam::track::Step;
 use crate::slam::usual_deviations;
 use crate::space::Pose;
@@ -262,12 +262,13 @@ pub fn faces_at(log: &GraspLog, contacts: &[Contact]) -> Vec<Option<usize>> {
         return clustering::clusters(contacts);
     }
     let tolerance = TOLERANCE * usual_deviations(&log.noise).0;
-    let segments = match shape(log.dimension, contacts, &[], Choice::Auto, &|_, _| ()) {
-        Ok(Shape { geometry: Geometry::Outline(outline), .. }) => {
-            segmentation::segments(&outline, tolerance).unwrap_or_default()
-        }
-        _ => Vec::new(),
-    };
+    let segments =
+        match shape(log.dimension, contacts, &[], Poses::Estimated, Choice::Auto, &|_, _| ()) {
+            Ok(Shape { geometry: Geometry::Outline(outline), .. }) => {
+                segmentation::segments(&outline, tolerance).unwrap_or_default()
+            }
+            _ => Vec::new(),
+        };
     contacts.iter().map(|c| segmentation::assigned(&segments, c, tolerance)).collect()
 }
 

@@ -159,17 +159,12 @@ impl Faces {
         let mut faces = faces;
         let checked: Vec<Option<Contact>> = contacts.iter().map(Contact::checked).collect();
         for _ in 0..2 {
-            let moments = |face: usize| {
-                let own = |contact: &Contact| match &contact.normal {
-                    Some(normal) => (best(&faces, contact, normal, None).0 == Owner::Face(face))
-                        .then(|| Moments::of(contact, *normal)),
-                    None => {
-                        (resting(&faces, contact) == Some(face)).then(|| Moments::bare(contact))
-                    }
-                };
-                checked.iter().flatten().filter_map(own).reduce(|sum, m| sum.plus(&m))
-            };
-            let groups: Vec<Moments> = (0..faces.len()).filter_map(moments).collect();
+            let mut groups: Vec<Option<Moments>> = vec![None; faces.len()];
+            for contact in checked.iter().flatten() {
+                let Some((face, own)) = alone(&faces, contact) else { continue };
+                groups[face] = Some(groups[face].map_or(own, |sum| sum.plus(&own)));
+            }
+            let groups: Vec<Moments> = groups.into_iter().flatten().collect();
             let fitted = solved(&groups, self.dimension);
             if fitted.is_empty() {
                 break;
@@ -182,6 +177,17 @@ impl Faces {
         };
         let owners = checked.iter().map(owner).collect();
         Faces::explaining(self.dimension, contacts, faces, owners)
+    }
+}
+
+/// The face that a contact lies on, away from edges and corners, with what it says about it.
+fn alone(faces: &[Face], contact: &Contact) -> Option<(usize, Moments)> {
+    match &contact.normal {
+        Some(normal) => match best(faces, contact, normal, None).0 {
+            Owner::Face(face) => Some((face, Moments::of(contact, *normal))),
+            _ => None,
+        },
+        None => Some((resting(faces, contact)?, Moments::bare(contact))),
     }
 }
 

@@ -3,6 +3,7 @@ use crate::reference::body::tests::{cup, square};
 use crate::shape::Field;
 use crate::sim::{ObjectSpec, Options, Touch, simulate};
 use crate::slam::choose::{self, Choice, judge};
+use crate::slam::reconstruct::Poses;
 use crate::slam::{reconstruct, track};
 
 /// Contacts drawn uniformly, 1 mm and 5°, and points of the true surface.
@@ -127,7 +128,8 @@ fn faces_of_a_can_are_no_prism_those_of_a_hexagon_equal_and_those_of_a_box_stay(
         let simpler = simpler(dimension, &contacts, &faces);
         assert_eq!(simpler.is_some(), simple, "{object} {seed}");
         let auto = Choice::Auto;
-        let made = reconstruct::shape(dimension, &contacts, &[], auto, &|_, _| {}).unwrap();
+        let made =
+            reconstruct::shape(dimension, &contacts, &[], Poses::Known, auto, &|_, _| {}).unwrap();
         let made = match made.model {
             choose::Model::Gp(_) => None,
             choose::Model::Faces(polytope) => Some(polytope.planes.len()),
@@ -142,7 +144,8 @@ fn equal_sides_leave_open_what_is_free() {
     for (away, is_flat) in [(0.06, true), (0.02, false)] {
         let free = Free { point: Point::x() * away, deviation: 1e-3 };
         let auto = Choice::Auto;
-        let made = reconstruct::shape(dimension, &contacts, &[free], auto, &|_, _| {});
+        let made =
+            reconstruct::shape(dimension, &contacts, &[free], Poses::Known, auto, &|_, _| {});
         assert_eq!(matches!(made.unwrap().model, choose::Model::Faces(_)), is_flat, "{away}");
     }
 }
@@ -207,7 +210,7 @@ fn contacts_on_one_side_leave_the_other_open() {
     let contacts: Vec<Contact> = (-2..=2).map(touch).collect();
     let no = |_, _| {};
     let reconstruct::Shape { geometry, deviations, .. } =
-        reconstruct::shape(2, &contacts, &[], Default::default(), &no).unwrap();
+        reconstruct::shape(2, &contacts, &[], Poses::Known, Default::default(), &no).unwrap();
     let truth = Point::new(-0.06, 0.0, 0.0);
     let vertices = geometry.vertices();
     let nearest = |p: &Point| {
