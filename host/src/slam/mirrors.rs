@@ -66,8 +66,8 @@ impl Mirrored {
         Mirrored { contacts: contacts.to_vec(), mirrors: vec![] }
     }
 
-    /// In the planes that contacts speak for, one in two dimensions and up to two in three. `None` where there are no such planes, more contacts than images
-    /// would help, or poses so doubtful that contacts fit anything.
+    /// In the planes that contacts speak for, one in two dimensions and up to two in three. `None` where there
+    /// are no such planes, more contacts than images would help, or poses so doubtful that contacts fit anything.
     pub fn of(dimension: usize, contacts: &[Contact]) -> Option<Mirrored> {
         let doubt = doubt(contacts);
         if doubt.is_finite() && doubt > DOUBT || 2 * contacts.len() > MOST {
@@ -93,9 +93,12 @@ struct Surface {
     dimension: usize,
     kernel: Kernel,
     body: Body,
+    /// Of the ball, metres.
     centre: Point,
     radius: f64,
+    /// At most [`DECIDING`], as noisy as the process finds them.
     contacts: Vec<Contact>,
+    /// At most [`COMPARING`] of those.
     few: Vec<Contact>,
 }
 
@@ -174,6 +177,7 @@ impl Search<'_> {
     }
 
     /// The mirror moved along its normal by `by[0]` radii and turned by the other numbers about the centre.
+    /// `by` holds one number more than there are [turns](Self::turns), so at least one.
     fn moved(&self, mirror: &Mirror, by: &[f64]) -> Mirror {
         let turns = self.turns(&mirror.normal);
         let turn: Point = turns.iter().zip(&by[1..]).map(|(turn, by)| turn * *by).sum();

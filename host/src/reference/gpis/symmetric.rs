@@ -71,6 +71,7 @@ impl Mirrored<'_> {
         sums
     }
 
+    /// The same of one gradient. There is an image, if only that in no mirror ([`images`]), so there is a mean.
     fn slope(&self, slope: impl Fn(&Image) -> Point) -> Point {
         self.shared(|image| vec![(0.0, slope(image))])[0].1
     }
