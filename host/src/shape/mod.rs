@@ -100,6 +100,14 @@ impl Geometry {
         }
     }
 
+    /// How much surface there is: the length of an outline, metres, or the area of a mesh, square metres.
+    pub fn size(&self) -> f64 {
+        match self {
+            Geometry::Outline(o) => o.perimeter(),
+            Geometry::Mesh(m) => m.area(),
+        }
+    }
+
     /// Unsigned distance from `point` to the surface, metres.
     pub fn distance(&self, point: &Point) -> f64 {
         match self {

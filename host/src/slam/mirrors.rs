@@ -13,6 +13,7 @@ use super::fit::{exactness, spread, usual};
 use crate::reference::body::Body;
 use crate::reference::mirror::{Image, Mirror};
 use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
+use crate::shape::Geometry;
 use crate::space::Point;
 
 /// Nats by which contacts must be likelier with one plane more, what its numbers take up paid for: odds of 50:1, for
@@ -58,12 +59,14 @@ pub struct Mirrored {
     pub contacts: Vec<Contact>,
     /// The planes, square to each other.
     pub mirrors: Vec<Mirror>,
+    /// Nats by which they make the contacts likelier.
+    pub evidence: f64,
 }
 
 impl Mirrored {
     /// Without mirrors.
     pub fn unmoved(contacts: &[Contact]) -> Mirrored {
-        Mirrored { contacts: contacts.to_vec(), mirrors: vec![] }
+        Mirrored { contacts: contacts.to_vec(), mirrors: vec![], evidence: 0.0 }
     }
 
     /// In the planes that contacts speak for, one in two dimensions and up to two in three. `None` where there
@@ -83,8 +86,19 @@ impl Mirrored {
             let images: Vec<Contact> = felt.contacts.iter().map(|c| found.image(c)).collect();
             felt.contacts.extend(images);
             felt.mirrors.push(found.mirror);
+            felt.evidence += found.evidence - before;
         }
         (!felt.mirrors.is_empty()).then_some(felt)
+    }
+
+    /// Whether the shape made with images is to be believed, too, beside the one that contacts make by themselves.
+    ///
+    /// Where contacts are as likely to lie anywhere on a surface, each is less so by as much as images make that
+    /// larger: the larger it is, the more contacts would have been felt on what only images show.
+    pub fn suits(&self, mirrored: &Geometry, alone: &Geometry) -> bool {
+        let contacts = self.contacts.len() >> self.mirrors.len();
+        let price = contacts as f64 * (mirrored.size() / alone.size()).ln();
+        self.evidence - price > SURE
     }
 }
 

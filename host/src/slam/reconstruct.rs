@@ -7,12 +7,12 @@ use nalgebra::{Matrix3x6, Matrix6, Vector6};
 use crate::experts;
 use crate::log::GraspLog;
 use crate::reference::gpis::Error as SurfaceError;
-use crate::reference::{Contact, Faces, Mirror};
+use crate::reference::{Contact, Doubt, Faces, Mirror};
 use crate::shape::lattice::LatticeError;
 use crate::shape::polytope::{Polytope, intersection};
 use crate::shape::{Field, Geometry, contour, surface};
 use crate::slam::choose::{self, Choice, Model, Refusal, only};
-use crate::slam::fit::{self, fit_experts, open_beside};
+use crate::slam::fit::{self, Fitted, fit_experts, open_beside};
 use crate::slam::free::Free;
 use crate::slam::mirrors::Mirrored;
 use crate::slam::sift;
@@ -183,6 +183,26 @@ impl Shape {
         let (geometry, deviations) = (polytope.geometry.clone(), polytope.deviations.clone());
         Shape { model: Model::Faces(Box::new(polytope)), geometry, deviations, mirrors }
     }
+
+    /// The touched part of a process' zero set.
+    fn curved(dimension: usize, fitted: &Fitted, felt: Mirrored) -> Result<Shape, Error> {
+        let (geometry, deviations) = extract(dimension, &fitted.surface, &felt.contacts)?;
+        let model = Model::Gp(fitted.kernel);
+        Ok(Shape { model, geometry, deviations, mirrors: felt.mirrors })
+    }
+
+    /// As uncertain where nobody touched it as what the contacts leave open.
+    fn doubted(mut self, doubt: Option<Doubt>) -> Shape {
+        match self.model {
+            Model::Faces(polytope) => Shape::flat(polytope.doubted(doubt), self.mirrors),
+            Model::Gp(_) => {
+                if let Some(doubt) = doubt {
+                    self.deviations = doubt.widened(&self.geometry.vertices(), &self.deviations);
+                }
+                self
+            }
+        }
+    }
 }
 
 /// The shape of contacts and free points in the object frame. A dense surface is made without the contacts
@@ -213,15 +233,16 @@ fn shape_of(
     choice: Choice,
     progress: Progress<'_>,
 ) -> Result<Shape, Error> {
-    let flat = |(polytope, mirrors): (Polytope, Vec<Mirror>), contacts: &[Contact]| {
-        let doubt = open_beside(dimension, contacts, free);
-        Shape::flat(polytope.doubted(doubt), mirrors)
-    };
     if let Some(polytope) = faced(dimension, contacts, free, known, choice)? {
-        return Ok(flat(
-            mirrored_faces(polytope, dimension, contacts, free, poses, choice)?,
-            contacts,
-        ));
+        let shape = if choice == Choice::Auto
+            && !polytope.is_convex()
+            && let Some(felt) = poses.mirrored(dimension, contacts)
+        {
+            mirrored_faces(polytope, felt, dimension, free)?
+        } else {
+            Shape::flat(polytope, vec![])
+        };
+        return Ok(shape.doubted(open_beside(dimension, contacts, free)));
     }
     if contacts.len() > DENSE[usize::from(dimension == 3)] {
         let (kernel, experts) = fit_experts(dimension, contacts)?;
@@ -230,53 +251,57 @@ fn shape_of(
         return Ok(Shape { model: Model::Gp(kernel), geometry, deviations, mirrors: vec![] });
     }
     let trusted = only(contacts, &sift::trusted(dimension, contacts));
+    let doubt = || open_beside(dimension, &trusted, free);
     if trusted.len() < contacts.len()
         && let Some(polytope) = faced(dimension, &trusted, free, known, choice)?
     {
-        return Ok(flat((polytope, vec![]), &trusted));
+        return Ok(Shape::flat(polytope, vec![]).doubted(doubt()));
     }
-    let contacts = &trusted;
-    let mut fitted = fit::fit(dimension, contacts, free)?;
-    let mut felt = Mirrored::unmoved(contacts);
+    let fitted = fit::fit(dimension, &trusted, free)?;
+    let mut shape = Shape::curved(dimension, &fitted, Mirrored::unmoved(&trusted))?;
     if !fitted.is_explained
-        && let Some(mirrored) = poses.mirrored(dimension, contacts)
+        && let Some(felt) = poses.mirrored(dimension, &trusted)
     {
-        felt = mirrored;
-        if choice == Choice::Auto
-            && let Some(polytope) = faced(dimension, &felt.contacts, free, &|| None, choice)?
-        {
-            return Ok(flat((polytope, felt.mirrors), contacts));
-        }
-        fitted = fit::fit(dimension, &felt.contacts, free)?;
+        shape = mirrored_surface(shape, felt, dimension, free, choice)?;
     }
-    let (geometry, deviations) = extract(dimension, &fitted.surface, &felt.contacts)?;
-    let deviations = match open_beside(dimension, contacts, free) {
-        Some(doubt) => doubt.widened(&geometry.vertices(), &deviations),
-        None => deviations,
-    };
-    let model = Model::Gp(fitted.kernel);
-    Ok(Shape { model, geometry, deviations, mirrors: felt.mirrors })
+    Ok(shape.doubted(doubt()))
 }
 
-/// Faces as they are, or where they show a hollow those of the contacts and their images, if these are no more:
-/// of two that are each other's image both are as well known as one was.
+/// Faces that show a hollow, or those of the contacts and their images, if these suit and are no more: of two that are
+/// each other's image both are as well known as one was.
 fn mirrored_faces(
     own: Polytope,
+    felt: Mirrored,
     dimension: usize,
-    contacts: &[Contact],
     free: &[Free],
-    poses: Poses,
+) -> Result<Shape, Error> {
+    let mirrored = faced(dimension, &felt.contacts, free, &|| None, Choice::Auto)?;
+    let suits = |faces: &Polytope| {
+        faces.touched_planes() <= own.touched_planes() && felt.suits(&faces.geometry, &own.geometry)
+    };
+    Ok(match mirrored.filter(suits) {
+        Some(mirrored) => Shape::flat(mirrored, felt.mirrors),
+        None => Shape::flat(own, vec![]),
+    })
+}
+
+/// A surface that no body of few numbers explains, or that of the contacts and their images, if it suits: faces where
+/// these are trustworthy now.
+fn mirrored_surface(
+    own: Shape,
+    felt: Mirrored,
+    dimension: usize,
+    free: &[Free],
     choice: Choice,
-) -> Result<(Polytope, Vec<Mirror>), Error> {
-    if choice == Choice::Auto
-        && !own.is_convex()
-        && let Some(felt) = poses.mirrored(dimension, contacts)
-        && let Some(faces) = faced(dimension, &felt.contacts, free, &|| None, choice)?
-        && faces.touched_planes() <= own.touched_planes()
-    {
-        return Ok((faces, felt.mirrors));
-    }
-    Ok((own, vec![]))
+) -> Result<Shape, Error> {
+    let mirrored = match faced(dimension, &felt.contacts, free, &|| None, choice)? {
+        Some(polytope) => Shape::flat(polytope, felt.mirrors.clone()),
+        None => {
+            let fitted = fit::fit(dimension, &felt.contacts, free)?;
+            Shape::curved(dimension, &fitted, felt.clone())?
+        }
+    };
+    Ok(if felt.suits(&mirrored.geometry, &own.geometry) { mirrored } else { own })
 }
 
 /// The shape of faces, where that is the choice.

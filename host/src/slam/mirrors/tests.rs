@@ -106,6 +106,34 @@ fn what_is_its_own_image_is_known_better() {
 }
 
 #[test]
+fn images_cost_what_they_add() {
+    let (dimension, contacts, _) = touched(TEE, 25, 3000);
+    let felt = Mirrored::of(dimension, &contacts).unwrap();
+    let rectangle = |times: f64| {
+        let object = format!("rectangle:{}x{}", 0.1 * times, 0.05 * times);
+        object.parse::<ObjectSpec>().unwrap().geometry().unwrap()
+    };
+    let alone = rectangle(1.0);
+    assert!(felt.suits(&alone, &alone));
+    // 25 contacts are so much less likely on the larger surface.
+    let suits = |price: f64| felt.suits(&rectangle((price / 25.0).exp()), &alone);
+    assert!(suits(felt.evidence - SURE - 0.1));
+    assert!(!suits(felt.evidence - SURE + 0.1));
+}
+
+#[test]
+fn an_arm_is_not_added_where_contacts_would_have_fallen() {
+    // As seen from these, an L may be a U whose other arm nobody touched.
+    for seed in [3016, 3045] {
+        let (dimension, contacts, _) = touched("lshape:0.12x0.06x0.03", 15, seed);
+        assert!(Mirrored::of(dimension, &contacts).is_some());
+        let choice = Choice::Auto;
+        let made = reconstruct::shape(dimension, &contacts, &[], Poses::Known, choice, &|_, _| {});
+        assert!(made.unwrap().mirrors.is_empty(), "{seed}");
+    }
+}
+
+#[test]
 fn nonsense_has_no_mirror() {
     let (dimension, contacts, _) = touched(TEE, 25, 3000);
     assert!(Mirrored::of(dimension, &[]).is_none());
