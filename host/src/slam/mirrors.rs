@@ -94,7 +94,8 @@ impl Mirrored {
     /// Whether the shape made with images is to be believed, too, beside the one that contacts make by themselves.
     ///
     /// Where contacts are as likely to lie anywhere on a surface, each is less so by as much as images make that
-    /// larger: the larger it is, the more contacts would have been felt on what only images show.
+    /// larger: the larger it is, the more contacts would have been felt on what only images show (the size principle of
+    /// Tenenbaum and Griffiths, Behavioral and Brain Sciences 24, 2001). A shape without any size suits nothing.
     pub fn suits(&self, mirrored: &Geometry, alone: &Geometry) -> bool {
         let contacts = self.contacts.len() >> self.mirrors.len();
         let price = contacts as f64 * (mirrored.size() / alone.size()).ln();
