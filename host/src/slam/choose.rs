@@ -207,33 +207,50 @@ pub fn known(faces: &Faces, contacts: &[Contact], free: &[Point]) -> Option<Poly
 /// Which contacts to make a shape of where a graph knows the `faces`, each contact's owner among them: all, or
 /// without those that lie on none, or where they are no surface. A few of these are wild, of something else or
 /// of a sensor that failed, where the others make an object without them and either sides are touched so
-/// often that they are no sides touched once, or all contacts together make no object.
+/// often that they are no sides touched once, or all contacts together make no object. Of sides touched often those
+/// go, too, that two wild contacts made between them: where such a side is no surface.
 pub fn trusted(faces: &Faces, contacts: &[Contact], free: &[Point]) -> Vec<bool> {
     let all = vec![true; contacts.len()];
     let known = contacts.iter().zip(&faces.owners);
     let mut trusted: Vec<bool> = known.map(|(c, o)| c.normal.is_none() || o.is_some()).collect();
-    let often = |others: &[Contact]| others.len() as f64 >= OFTEN * faces.faces.len() as f64;
+    // Those that make an object without the wild ones, the last that were found.
+    let mut believed = None;
     for _ in 0..SIFTED {
         let wild = trusted.iter().filter(|trusted| !**trusted).count();
         if wild as f64 > WILD * contacts.len() as f64 {
             break;
         }
         let others = only(contacts, &trusted);
-        match judge(faces.dimension, &others, free) {
-            Ok(_) if often(&others) || judge(faces.dimension, contacts, free).is_err() => {
-                return trusted;
+        let is_often = often(&others, faces.faces.len());
+        let (found, polytope) = match judge(faces.dimension, &others, free) {
+            Ok(_) if !is_often && believed.is_none() => {
+                return if judge(faces.dimension, contacts, free).is_err() { trusted } else { all };
             }
-            Err(Refusal::Unexplained { .. }) => {
-                let Ok((found, polytope)) = polytope(faces.dimension, &others, free) else { break };
-                let mut lost = lost(&found, &polytope, &others).into_iter();
-                for trusted in trusted.iter_mut().filter(|trusted| **trusted) {
-                    *trusted = !lost.next().unwrap_or_default();
-                }
+            Ok(_) if !is_often => break,
+            Ok(object) => {
+                believed = Some(trusted.clone());
+                object
             }
-            _ => break,
+            Err(Refusal::Unexplained { .. }) if believed.is_none() => {
+                let Ok(object) = polytope(faces.dimension, &others, free) else { break };
+                object
+            }
+            Err(_) => break,
+        };
+        let mut lost = lost(&found, &polytope, &others).into_iter();
+        for trusted in trusted.iter_mut().filter(|trusted| **trusted) {
+            *trusted = !lost.next().unwrap_or_default();
+        }
+        if believed.as_ref() == Some(&trusted) {
+            break;
         }
     }
-    all
+    believed.unwrap_or(all)
+}
+
+/// Whether so many sides are touched so often that hardly any is touched only once.
+pub(super) fn often(contacts: &[Contact], sides: usize) -> bool {
+    contacts.len() as f64 >= OFTEN * sides as f64
 }
 
 /// Those that are marked.

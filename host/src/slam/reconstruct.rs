@@ -162,7 +162,7 @@ pub fn reconstruct_known(
         return Err(Error::NoContacts);
     }
     let free = free(log, steps);
-    let outside: Vec<Point> = free.iter().map(|f| f.point).collect();
+    let outside = outside(&free);
     let shape = match faces {
         None => shape(log.dimension, &all, &free, Poses::of(steps), choice, progress)?,
         Some(faces) => {
@@ -205,10 +205,10 @@ impl Shape {
     }
 }
 
-/// The shape of contacts and free points in the object frame. A dense surface is made without the contacts
-/// that [`sift`] does not trust. Where no body of few numbers explains them, and where faces show a hollow, what was
-/// felt is taken to hold for its mirror image, too, if the object seems to be its own ([`Mirrored`]) and `poses` are
-/// known.
+/// The shape of contacts and free points in the object frame. Of as many as a dense surface takes, it is made without
+/// those that [`sift`] does not trust. Where no body of few numbers explains them, and where faces show a hollow, what
+/// was felt is taken to hold for its mirror image, too, if the object seems to be its own ([`Mirrored`]) and `poses`
+/// are known.
 ///
 /// # Errors
 /// As [`reconstruct()`].
@@ -220,7 +220,17 @@ pub fn shape(
     choice: Choice,
     progress: Progress<'_>,
 ) -> Result<Shape, Error> {
-    shape_of(dimension, contacts, free, &|| None, poses, choice, progress)
+    let none = || None;
+    if choice != Choice::Auto || poses != Poses::Known || !is_dense(dimension, contacts) {
+        return shape_of(dimension, contacts, free, &none, poses, choice, progress);
+    }
+    let trusted = only(contacts, &sift::beside_faces(dimension, contacts, &outside(free)));
+    shape_of(dimension, &trusted, free, &none, poses, choice, progress)
+}
+
+/// Whether a dense Gaussian process takes so many contacts.
+fn is_dense(dimension: usize, contacts: &[Contact]) -> bool {
+    contacts.len() <= DENSE[usize::from(dimension == 3)]
 }
 
 /// The same, of faces that are `known` where flat sides suit the contacts and these are not equal.
@@ -244,7 +254,7 @@ fn shape_of(
         };
         return Ok(shape.doubted(open_beside(dimension, contacts, free)));
     }
-    if contacts.len() > DENSE[usize::from(dimension == 3)] {
+    if !is_dense(dimension, contacts) {
         let (kernel, experts) = fit_experts(dimension, contacts)?;
         experts.settle(progress);
         let (geometry, deviations) = extract(dimension, &experts, contacts)?;
@@ -313,7 +323,7 @@ fn faced(
     choice: Choice,
 ) -> Result<Option<Polytope>, Error> {
     let few = evenly(contacts, FACED);
-    let outside: Vec<Point> = free.iter().map(|f| f.point).collect();
+    let outside = outside(free);
     let own = match choice {
         Choice::Auto => {
             let Ok((faces, own)) = choose::judge(dimension, &few, &outside) else {
@@ -329,6 +339,11 @@ fn faced(
         Choice::Gp => return Ok(None),
     };
     Ok(Some(known().unwrap_or(own)))
+}
+
+/// Where they are.
+fn outside(free: &[Free]) -> Vec<Point> {
+    free.iter().map(|f| f.point).collect()
 }
 
 /// Whether no free point lies surely behind all these sides.

@@ -1,13 +1,15 @@
-//! Contacts that are of something else, or of a sensor that failed: few of many, where a round body explains
-//! all others.
+//! Contacts that are of something else, or of a sensor that failed: few of many, where flat sides or a round body
+//! explain all others.
 //!
 //! A smooth surface follows every contact that it is given, so one that is wild dents it. A body of few
 //! numbers does not, where many contacts measured them: what lies far off it does not belong there.
 
-use super::choose::only;
+use super::choose::{self, often, only};
 use super::fit::{explains, rounds};
+use crate::graph::joint;
 use crate::reference::body::{Body, MISFIT};
 use crate::reference::{Contact, Faces, Mean, Prior};
+use crate::space::Point;
 
 /// χ² of a contact on the body, with what no body fits exactly, from which on it is wild.
 const STRANGE: f64 = 16.0;
@@ -31,6 +33,23 @@ const DECIDED: f64 = 4.0;
 const NEAR: f64 = 0.5;
 const ALIKE: f64 = 0.7;
 const AGREED: f64 = 2.0;
+
+/// Which contacts at known poses belong to an object with flat sides that were felt often: all, or without the few that
+/// lie on none of its sides ([`choose::trusted`], of the faces that a graph of these contacts alone finds). A single
+/// one may be a small side that was felt once, where all together make an object, too. `free` are points outside.
+pub fn beside_faces(dimension: usize, contacts: &[Contact], free: &[Point]) -> Vec<bool> {
+    let all = vec![true; contacts.len()];
+    let Some(faces) = Faces::fit(dimension, contacts) else { return all };
+    // Whether there is anything to look for, for that takes longer.
+    let sides = faces.faces.iter().filter(|face| face.contacts > 1).count();
+    if faces.unconfirmed(contacts).is_empty() || !often(contacts, sides) {
+        return all;
+    }
+    let Some(known) = joint::held(dimension, contacts) else { return all };
+    let trusted = choose::trusted(&known, contacts, free);
+    let wild = trusted.iter().filter(|trusted| !**trusted).count();
+    if wild == 1 && choose::judge(dimension, contacts, free).is_ok() { all } else { trusted }
+}
 
 /// Which contacts belong to the object: all, or without the few that a body which explains the others has no
 /// place for. Where most of those agree with one another they are a part of the object that the body lacks,
@@ -148,6 +167,34 @@ mod tests {
     }
 
     #[test]
+    fn wild_contacts_beside_flat_sides_are_found_and_no_others() {
+        for object in ["lshape:0.09x0.09x0.035", "tshape:0.1x0.08x0.03", "box:0.1x0.07x0.05"] {
+            let (mut found, mut all, mut lost) = (0, 0, 0);
+            for seed in 0..4 {
+                let (dimension, contacts, wild) = felt(object, seed, 0.1);
+                let trusted = beside_faces(dimension, &contacts, &[]);
+                for (trusted, wild) in trusted.iter().zip(&wild) {
+                    found += usize::from(!trusted && *wild);
+                    lost += usize::from(!trusted && !wild);
+                    all += usize::from(*wild);
+                }
+            }
+            assert!(4 * found >= 3 * all && lost <= all / 8, "{object}: {found} of {all}, {lost}");
+        }
+    }
+
+    #[test]
+    fn a_small_side_that_was_felt_once_is_not_wild() {
+        // A box with a corner cut off, which only the last contact lies on.
+        let (dimension, mut contacts, _) = touched("box:0.1x0.07x0.05", 70, 1);
+        let normal = Point::new(1.0, 1.0, 1.0).normalize();
+        let point = Point::new(0.05, 0.035, 0.025) - normal * 0.006;
+        contacts.push(Contact { point, normal: Some(normal), ..contacts[0] });
+        assert!(beside_faces(dimension, &contacts, &[]).iter().all(|t| *t));
+        assert!(beside_faces(dimension, &[], &[]).is_empty());
+    }
+
+    #[test]
     fn where_no_contact_is_wild_none_is_left_out() {
         let hollow = ["lshape:0.09x0.09x0.035", "tshape:0.1x0.08x0.03"];
         for object in
@@ -157,6 +204,8 @@ mod tests {
                 let (dimension, contacts, _) = felt(object, seed, 0.0);
                 let lost = trusted(dimension, &contacts).iter().filter(|t| !**t).count();
                 assert!(lost <= 1, "{object} {seed}: {lost}");
+                let lost = beside_faces(dimension, &contacts, &[]).iter().filter(|t| !**t).count();
+                assert!(lost <= 2, "{object} {seed}: {lost}");
             }
         }
     }

@@ -36,7 +36,7 @@ pub mod solve;
 pub mod surface;
 pub mod tangent;
 
-pub use planes::{Corrected, Effort, Plane, planes};
+pub use planes::{Corrected, Effort, Plane, held, planes};
 
 use nalgebra::Matrix6;
 

@@ -99,18 +99,23 @@ impl Corrected {
     /// `None` without faces. A second fit to the contacts would know less: what a grasp's contacts have
     /// in common, and which faces are parallel or square, is lost in them.
     pub fn shape(&self, log: &GraspLog) -> Option<Faces> {
+        let placed: Vec<Contact> =
+            place(log, &self.relative()).into_iter().map(|p| p.contact).collect();
+        self.explaining(log.dimension, &placed)
+    }
+
+    /// The faces with all contacts in the object frame; `None` without faces.
+    fn explaining(&self, dimension: usize, placed: &[Contact]) -> Option<Faces> {
         if self.faces.is_empty() {
             return None;
         }
-        let placed: Vec<Contact> =
-            place(log, &self.relative()).into_iter().map(|p| p.contact).collect();
         let mut owners = self.owners.iter();
         let owner = |c: &Contact| {
             c.checked()?;
             *owners.next()?
         };
         let owners: Vec<Option<Owner>> = placed.iter().map(owner).collect();
-        Some(known(log.dimension, &self.faces, &placed, owners))
+        Some(known(dimension, &self.faces, placed, owners))
     }
 
     /// The steps with the covariances of [`Corrected::given_faces`]: to place contacts side by side.
@@ -177,6 +182,20 @@ pub fn planes(log: &GraspLog, trajectories: &[&[Step]], effort: Effort) -> Optio
     } else {
         run::<6>(&problem, trajectories, effort)
     }
+}
+
+/// The faces of contacts in the object frame whose places are known, and which contact lies on which of them or on
+/// none; `None` where no two contacts share a face.
+pub fn held(dimension: usize, contacts: &[Contact]) -> Option<Faces> {
+    let problem = Problem::held(dimension, contacts);
+    let steps = [Step::certain(Pose::identity())];
+    let effort = Effort { restarts: false, retrack: false, ..Effort::default() };
+    let found = if dimension == 2 {
+        run::<3>(&problem, &[&steps], effort)
+    } else {
+        run::<6>(&problem, &[&steps], effort)
+    };
+    found?.explaining(dimension, contacts)
 }
 
 fn run<const D: usize>(

@@ -124,12 +124,33 @@ impl Problem {
             Some(pose) if finite(&pose) => Motion { pose, deviations: usual },
             _ => Motion { pose: Pose::identity(), deviations: UNKNOWN },
         };
+        let motions = log.grasps.iter().map(|g| motion(g.motion)).collect();
+        Problem::of_all(log.dimension, felt, starts, free, motions)
+    }
+
+    /// Contacts in the object frame whose places are known, as if one grasp had felt them all. Those with numbers that
+    /// are not usable are left out.
+    pub fn held(dimension: usize, contacts: &[Contact]) -> Problem {
+        let usable = contacts.iter().filter_map(Contact::checked);
+        let felt: Vec<Felt> = usable.map(|contact| Felt { grasp: 0, contact }).collect();
+        let starts = vec![0, felt.len()];
+        let still = Motion { pose: Pose::identity(), deviations: UNKNOWN };
+        Problem::of_all(dimension, felt, starts, vec![], vec![still])
+    }
+
+    fn of_all(
+        dimension: usize,
+        felt: Vec<Felt>,
+        starts: Vec<usize>,
+        free: Vec<Felt>,
+        motions: Vec<Motion>,
+    ) -> Problem {
         let mut problem = Problem {
-            dimension: log.dimension,
+            dimension,
             felt,
             starts,
             free,
-            motions: log.grasps.iter().map(|g| motion(g.motion)).collect(),
+            motions,
             extent: LEAST_EXTENT,
             weight: 1.0,
             edges: false,

@@ -52,6 +52,60 @@ fn polytopes_fit_as_noise_says_and_curves_do_not() {
 }
 
 #[test]
+fn a_side_stays_one_however_often_it_is_felt() {
+    for (object, contacts, sides) in
+        [("rectangle:0.12x0.06", 160, 4), ("box:0.1x0.07x0.05", 240, 6)]
+    {
+        let often = |seed: &u64| {
+            let (dimension, contacts) = touched(object, contacts, *seed);
+            let faces = Faces::fit(dimension, &contacts).unwrap().faces;
+            faces.iter().filter(|face| face.contacts > 2).count() == sides
+        };
+        let exact = (0..10).filter(often).count();
+        assert!(exact >= 9, "{object}: {exact}");
+    }
+}
+
+#[test]
+fn contacts_are_hard_to_tell_apart_only_where_they_lie_among_each_other() {
+    // Two planes 1 mm apart, of contacts at these places.
+    let plane = |height: f64, places: &mut dyn Iterator<Item = usize>, dimension: usize| {
+        let contact = |i: usize| {
+            let across = if dimension == 2 { 0.0 } else { 5e-3 * ((i * 7) % 10) as f64 };
+            let point = if dimension == 2 {
+                Point::new(1e-3 * i as f64, height, 0.0)
+            } else {
+                Point::new(1e-3 * i as f64, across, height)
+            };
+            let contact =
+                Contact { point, normal: None, point_deviation: 1e-3, normal_deviation: 0.1 };
+            let normal = if dimension == 2 { Point::y() } else { Point::z() };
+            Moments::of(&contact, normal)
+        };
+        places.map(contact).reduce(|sum, m| sum.plus(&m)).unwrap()
+    };
+    for (dimension, normal) in [(2, Point::y()), (3, Point::z())] {
+        let cost =
+            |parts: [Moments; 2]| mixed(&parts, &parts[0].plus(&parts[1]), &normal, dimension);
+        let among = cost([
+            plane(0.0, &mut (0..60).step_by(2), dimension),
+            plane(1e-3, &mut (1..60).step_by(2), dimension),
+        ]);
+        // One bit for each of sixty contacts.
+        assert!((among - 120.0 * 2.0f64.ln()).abs() < 4.0, "{dimension}: {among}");
+        let beside =
+            cost([plane(0.0, &mut (0..30), dimension), plane(1e-3, &mut (30..60), dimension)]);
+        assert!(beside < 4.0, "{dimension}: {beside}");
+        let apart =
+            cost([plane(0.0, &mut (0..30), dimension), plane(1e-3, &mut (90..120), dimension)]);
+        assert_eq!(apart, 0.0);
+        let one =
+            cost([plane(0.0, &mut (0..60), dimension), plane(1e-3, &mut (20..21), dimension)]);
+        assert_eq!(one, 0.0);
+    }
+}
+
+#[test]
 fn frame_and_order_do_not_matter() {
     for (object, pose) in [
         ("rectangle:0.12x0.06", planar(0.3, -0.2, 0.7)),

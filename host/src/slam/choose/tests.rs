@@ -97,6 +97,23 @@ fn contacts_on_no_side_are_left_out_where_sides_are_touched_often() {
 }
 
 #[test]
+fn wild_contacts_that_make_a_side_between_them_are_left_out_too() {
+    let wild = |x: f64, y: f64, normal: Point| Contact {
+        point: Point::new(x, y, 0.0),
+        normal: Some(normal),
+        ..along(&RECTANGLE, 2)[0]
+    };
+    let alike = [wild(-0.02, 0.004, Point::y()), wild(0.015, 0.005, Point::y())];
+    let single = [wild(0.03, 0.05, -Point::x()), wild(0.08, 0.0, -Point::y())];
+    let contacts = [&along(&RECTANGLE, 11)[..], &alike, &single].concat();
+    let faces = all_but(2, &contacts);
+    assert_eq!(faces.faces.len(), 5);
+    let trusted = trusted(&faces, &contacts, &[]);
+    let expected: Vec<bool> = (0..48).map(|i| i < 44).collect();
+    assert_eq!(trusted, expected);
+}
+
+#[test]
 fn a_side_touched_once_is_none_to_leave_out() {
     // The last side by one contact, the others by four each.
     let mut contacts = along(&RECTANGLE, 4);
