@@ -370,12 +370,12 @@ fn nearest(faces: &[Face], contact: &Contact, normal: &Point) -> Option<usize> {
 /// that noise put farther in and farther out.
 fn mixed(parts: &[Moments; 2], union: &Moments, normal: &Point, dimension: usize) -> f64 {
     let all = union.count as f64;
-    let likelihood = |m: &Moments| {
-        let count = m.count as f64;
-        count * (count / all / m.reach(normal, dimension)).ln()
-    };
-    let apart = parts.iter().map(likelihood).sum::<f64>();
-    (2.0 * (likelihood(union) - apart)).max(0.0)
+    let label = |m: &Moments| m.count as f64 * (m.count as f64 / all).ln();
+    let place = |m: &Moments| m.count as f64 * m.reach(normal, dimension).ln();
+    let labels: f64 = parts.iter().map(label).sum();
+    let places = place(union) - parts.iter().map(place).sum::<f64>();
+    // No more than all labels, where contacts on a line or at one place have no reach.
+    (-2.0 * (labels + places)).max(0.0).min(-2.0 * labels)
 }
 
 /// Merges the pair whose union costs least while that is below `gate`.

@@ -106,6 +106,20 @@ fn contacts_are_hard_to_tell_apart_only_where_they_lie_among_each_other() {
 }
 
 #[test]
+fn contacts_on_a_line_of_two_sides_are_two_faces() {
+    // A thin plate pinched along one straight line.
+    let contact = |i: usize| Contact {
+        point: Point::new(0.3, 0.1, 0.2) * (0.01 * (i / 2) as f64),
+        normal: Some(Point::new(-0.1, 0.3, 0.0).normalize() * [1.0, -1.0][i % 2]),
+        point_deviation: 1e-3,
+        normal_deviation: 0.1,
+    };
+    let contacts: Vec<Contact> = (0..40).map(contact).collect();
+    let faces = Faces::fit(3, &contacts).unwrap().faces;
+    assert_eq!(faces.iter().map(|face| face.contacts).collect::<Vec<_>>(), [20, 20]);
+}
+
+#[test]
 fn frame_and_order_do_not_matter() {
     for (object, pose) in [
         ("rectangle:0.12x0.06", planar(0.3, -0.2, 0.7)),
