@@ -363,8 +363,8 @@ fn nearest(faces: &[Face], contact: &Contact, normal: &Point) -> Option<usize> {
     (0..faces.len()).min_by(|a, b| cost(&faces[*a]).total_cmp(&cost(&faces[*b])))
 }
 
-/// What it costs to tell the contacts of two faces apart where they lie among each other, as χ² has it, and nothing where
-/// they lie side by side: a contact may lie anywhere on a face, so that each is the less likely the farther its
+/// What it costs to tell the contacts of two faces apart where they lie among each other, as χ² has it, and nothing
+/// where they lie side by side: a contact may lie anywhere on a face, so that each is the less likely the farther its
 /// face reaches, and the more likely the more of all contacts lie on it (the classification likelihood of Celeux and
 /// Govaert, Computational Statistics and Data Analysis 14, 1992). Without it, faces of many contacts fall in two, those
 /// that noise put farther in and farther out.

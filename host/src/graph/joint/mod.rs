@@ -4,8 +4,8 @@
 //! faces and motions are solved in one least-squares problem (planar SLAM: Kaess, ICRA 2015; the
 //! sparsity is that of bundle adjustment, Triggs et al. 2000).
 //!
-//! [`planes`](mod@planes) is the entrance. Below it, [`problem`] holds the measurements and the
-//! unknowns, [`factors`] their residuals and derivatives, [`solve`](mod@solve) the
+//! [`planes`](mod@planes) is the entrance, and [`held`] where poses are known and only faces are sought.
+//! Below it, [`problem`] holds the measurements and the unknowns, [`factors`] their residuals and derivatives, [`solve`](mod@solve) the
 //! Levenberg–Marquardt iteration on the structure that [`arrow`] exploits and the evidence of what it
 //! finds, to which [`size`] belongs. [`explain`] and [`alias`] decide which contact lies on which face
 //! and at which of several look-alike poses a grasp was made, [`retrack`] builds a trajectory of its
