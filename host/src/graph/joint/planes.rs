@@ -25,6 +25,11 @@ use crate::space::{Point, Pose};
 /// Rounds of moves: changes end after two or three.
 const ROUNDS: usize = 6;
 
+/// χ² of a contact on its face, four deviations, from which it is rather a wild one that lies near, and the share of
+/// such up to which they are: faces that more contradict do not fit.
+const STRANGE: f64 = 16.0;
+const WILD: f64 = 0.1;
+
 /// Graphs with the same labels and costs nearer than this (nats) are one.
 const SAME: f64 = 1e-3;
 
@@ -79,7 +84,8 @@ pub struct Corrected {
     /// Negative log evidence, nats, up to a constant of the log, with what it takes to hold contacts where
     /// their faces are surface.
     pub cost: f64,
-    /// χ² per degree of freedom of the contacts that lie on faces and edges: about 1 on flat faces.
+    /// χ² per degree of freedom of the contacts that lie on faces and edges, up to a tenth that are strange there left
+    /// out: about 1 on flat faces.
     pub per_degree: f64,
 }
 
@@ -408,24 +414,26 @@ pub(super) fn criterion(problem: &Problem, found: &Corrected, numbers: usize) ->
         + 0.5 * numbers as f64 * measured.ln()
 }
 
-/// χ² of contacts and motions over the numbers measured less those found.
+/// χ² of contacts and motions over the numbers measured less those found, without contacts that are strange.
 fn per_degree(problem: &Problem, state: &State, labels: &Labels) -> f64 {
-    let (mut chi, mut degrees) = (0.0, 0.0);
-    for (i, label) in labels.iter().enumerate() {
+    let d = problem.dimension;
+    let mut contacts: Vec<(f64, f64)> = Vec::with_capacity(labels.len());
+    for (felt, label) in problem.felt.iter().zip(labels) {
         let Some(owner) = label else { continue };
-        let felt = &problem.felt[i];
         let (pose, faces) = (&state.poses[felt.grasp], named(owner, &state.faces));
-        chi += match (Ridge::new(&faces), &faces[..]) {
-            (Some(ridge), _) => {
-                ridge.touch(pose, problem.dimension, &felt.contact).residual.norm_squared()
-            }
-            (None, [face, ..]) => {
-                touch(pose, face, problem.dimension, &felt.contact).residual.norm_squared()
-            }
+        let chi = match (Ridge::new(&faces), &faces[..]) {
+            (Some(ridge), _) => ridge.touch(pose, d, &felt.contact).residual.norm_squared(),
+            (None, [face, ..]) => touch(pose, face, d, &felt.contact).residual.norm_squared(),
             _ => 0.0,
         };
-        degrees += if felt.contact.normal.is_some() { problem.dimension as f64 } else { 1.0 };
+        contacts.push((chi, if felt.contact.normal.is_some() { d as f64 } else { 1.0 }));
     }
+    let strange = contacts.iter().filter(|(chi, _)| *chi > STRANGE).count();
+    if strange as f64 <= WILD * contacts.len() as f64 {
+        contacts.retain(|(chi, _)| *chi <= STRANGE);
+    }
+    let mut chi: f64 = contacts.iter().map(|(chi, _)| chi).sum();
+    let degrees: f64 = contacts.iter().map(|(_, degrees)| degrees).sum();
     let centre = problem.middle(&state.poses);
     for k in 1..state.poses.len() {
         let motion = &problem.motions[k];
@@ -433,5 +441,8 @@ fn per_degree(problem: &Problem, state: &State, labels: &Labels) -> f64 {
         let step = step(before, after, &motion.pose, motion.deviations, &centre);
         chi += step.residual.norm_squared();
     }
-    chi / (degrees - (problem.dimension * state.faces.len()) as f64).max(1.0)
+    chi / (degrees - (d * state.faces.len()) as f64).max(1.0)
 }
+
+#[cfg(test)]
+mod tests;

@@ -30,7 +30,7 @@ fn options(object: &str, grasps: usize) -> Options {
 }
 
 /// Contacts and motions without noise.
-fn exact(object: &str, grasps: usize) -> GraspLog {
+pub(super) fn exact(object: &str, grasps: usize) -> GraspLog {
     let options = Options { contact_noise: NONE, motion_noise: NONE, ..options(object, grasps) };
     simulate(&options).unwrap().log
 }
@@ -145,7 +145,7 @@ fn a_wrong_label_is_repaired() {
 }
 
 /// Problem, state and labels at the true poses.
-fn at_truth(log: &GraspLog) -> (Problem, State, Labels) {
+pub(super) fn at_truth(log: &GraspLog) -> (Problem, State, Labels) {
     let problem = Problem::new(log);
     let corrected = from_truth(log);
     let poses = corrected.steps.iter().map(|s| s.pose).collect();

@@ -1,0 +1,25 @@
+use super::super::tests::{at_truth, exact};
+use super::*;
+
+/// Of a contact, metres.
+const DEVIATION: f64 = 1e-3;
+
+/// χ² per degree of freedom where so many of fifty contacts were felt that many deviations too far out.
+fn misfit(strange: usize, deviations: f64) -> f64 {
+    let mut log = exact("rectangle:0.10x0.06", 10);
+    let (_, state, labels) = at_truth(&log);
+    (log.noise.point, log.noise.normal) = (Some(DEVIATION), Some(0.1));
+    let grasps = log.grasps.iter_mut();
+    for contact in grasps.flat_map(|grasp| &mut grasp.contacts).take(strange) {
+        contact.point += contact.normal.unwrap() * (deviations * DEVIATION);
+    }
+    per_degree(&Problem::new(&log), &state, &labels)
+}
+
+#[test]
+fn faces_fit_with_a_few_strange_contacts_and_not_with_many() {
+    assert!(misfit(0, 0.0) < 1e-6);
+    assert!(misfit(1, 3.9) > 0.1);
+    assert!(misfit(5, 4.1) < 1e-6 && misfit(5, 100.0) < 1e-6);
+    assert!(misfit(6, 5.0) > 1.4);
+}
