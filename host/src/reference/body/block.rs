@@ -153,7 +153,7 @@ impl Block {
             // Of a round body whose ends are as large a part of its surface.
             let radius = across.iter().map(|width| width.recip()).sum::<f64>().recip();
             let low = -known(Place { way: -place.way, ..place });
-            let side = Side { radius, widening: 0.0, low, high: outermost(place) };
+            let side = Side { radius, widening: 0.0, low, high: outermost(place), pointed: 1.0 };
             let Some((end, deviation)) = side.end(problem.felt().len(), 0.0) else { continue };
             if let Some(plane) = problem.placed_plane(self.normal(numbers, place), end) {
                 body.end(plane, deviation * problem.radius());

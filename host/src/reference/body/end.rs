@@ -17,6 +17,8 @@ pub(super) struct Side {
     /// First and last place along it where it was felt.
     pub(super) low: f64,
     pub(super) high: f64,
+    /// How many times as probable a tip is, where it narrows, as that it is cut off before.
+    pub(super) pointed: f64,
 }
 
 impl Side {
@@ -25,7 +27,7 @@ impl Side {
     }
 
     /// Surface of the body that ends there, over π: both ends and the side.
-    fn area(&self, at: f64) -> f64 {
+    pub(super) fn area(&self, at: f64) -> f64 {
         let (low, high) = (self.wide(self.low), self.wide(at));
         let slant = 1.0_f64.hypot(self.widening) * (at - self.low);
         low.powi(2) + high.powi(2) + (low + high) * slant
@@ -33,8 +35,7 @@ impl Side {
 
     /// Where it ends and the deviation of that, when so many contacts fell anywhere on its surface alike:
     /// each is the less likely the larger that is. Before them, a side that narrows ends in its tip or is
-    /// cut off before, either as probable as the other, and a cut is anywhere as far from `middle` as ends
-    /// usually are. `None` where numbers are none.
+    /// cut off before, and a cut is anywhere as far from `middle` as ends usually are. `None` where numbers are none.
     pub(super) fn end(&self, contacts: usize, middle: f64) -> Option<(f64, f64)> {
         let tip = if self.widening < 0.0 { -self.radius / self.widening } else { f64::INFINITY };
         let farthest = FARTHEST * (self.high - self.low);
@@ -48,7 +49,7 @@ impl Side {
         });
         let before: f64 = cuts.clone().map(|(_, prior)| prior).sum();
         let cuts = cuts.map(|(at, prior)| (at, likelihood(at) * prior / before));
-        let pointed = (tip <= self.high + farthest).then(|| (tip, likelihood(tip)));
+        let pointed = (tip <= self.high + farthest).then(|| (tip, self.pointed * likelihood(tip)));
         let all = cuts.chain(pointed);
         let sum: f64 = all.clone().map(|(_, weight)| weight).sum();
         let end = all.clone().map(|(at, weight)| at * weight).sum::<f64>() / sum;
@@ -61,7 +62,7 @@ impl Side {
 mod tests {
     use super::*;
 
-    const CAN: Side = Side { radius: 0.7, widening: 0.0, low: -0.7, high: 0.6 };
+    const CAN: Side = Side { radius: 0.7, widening: 0.0, low: -0.7, high: 0.6, pointed: 1.0 };
 
     #[test]
     fn more_contacts_know_better_where_a_can_ends() {
@@ -75,10 +76,13 @@ mod tests {
 
     #[test]
     fn a_cone_is_pointed_as_often_as_not() {
-        let cone = Side { radius: 0.6, widening: -0.8, low: -0.6, high: 0.5 };
+        let cone = Side { radius: 0.6, widening: -0.8, low: -0.6, high: 0.5, pointed: 1.0 };
         let tip = 0.75;
         let (end, deviation) = cone.end(10, 0.0).unwrap();
         assert!((0.6..tip).contains(&end) && end + deviation > tip - 0.05, "{end} {deviation}");
+        // Where few are cut off.
+        let pyramid = Side { pointed: 20.0, ..cone }.end(10, 0.0).unwrap();
+        assert!(pyramid.0 > tip - 0.02 && pyramid.1 < 0.7 * deviation, "{pyramid:?}");
         // Felt at the tip, or by error beyond.
         for high in [tip, 0.8] {
             let (end, deviation) = Side { high, ..cone }.end(10, 0.0).unwrap();

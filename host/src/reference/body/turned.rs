@@ -158,7 +158,7 @@ impl Turned {
             let along = problem.felt().iter().map(|felt| out.dot(&(felt.point - centre)));
             let low = along.clone().fold(f64::INFINITY, f64::min);
             let high = along.fold(f64::NEG_INFINITY, f64::max);
-            let side = Side { radius, widening, low, high };
+            let side = Side { radius, widening, low, high, pointed: 1.0 };
             let middle = -out.dot(&centre);
             let Some((end, deviation)) = side.end(problem.felt().len(), middle) else { continue };
             if let Some(plane) = problem.placed_plane(out, end - middle) {

@@ -95,6 +95,52 @@ fn the_end_that_nobody_felt_lies_beyond_the_contacts_and_is_in_doubt() {
     assert!(own(Point::x() * FAR) >= 4);
 }
 
+/// Touches of the sides of a pyramid 60 mm wide and 80 mm high, whose base is 40 mm down, and of that.
+fn touched_pyramid(sides: usize, on: &[usize]) -> Vec<Contact> {
+    let lean = FAR / (2.0 * HIGH);
+    let leant = |contact: &Contact| {
+        let Some(flat) = contact.normal.filter(|n| n.z == 0.0) else {
+            let point = contact.point * 0.5 - Point::z() * 1.5 * HIGH;
+            return touch(point, -Point::z());
+        };
+        // Towards the axis in proportion to how near the tip it is.
+        let left = 0.5 * (1.0 - contact.point.z / HIGH);
+        let point = Point::new(contact.point.x * left, contact.point.y * left, contact.point.z);
+        touch(point, (flat + Point::z() * lean).normalize())
+    };
+    touched(3, sides, on).iter().map(leant).collect()
+}
+
+#[test]
+fn a_pyramid_is_found_with_its_tip_and_its_base() {
+    for (sides, on) in [(3, vec![0, 1, 2, 0, 1]), (4, vec![0, 1, 2, 3]), (6, vec![0, 1, 2, 4])] {
+        let contacts = touched_pyramid(sides, &on);
+        let found = regulars(3, &contacts);
+        let tapered = |body: &&Body| body.parts().len() == sides + 2 && body.misfit() < 0.4;
+        let body = found.iter().find(tapered).unwrap();
+        // Prisms were found as well, and fit worse.
+        assert!(found[..KEPT].iter().all(|prism| prism.misfit() > 4.0 * body.misfit()), "{sides}");
+        let value = |p: Point| body.value(&p);
+        assert!(value(Point::z() * 0.9 * HIGH) < 0.0 && value(Point::z() * 1.2 * HIGH) > 0.0);
+        let corner = FAR / (0.5 * TAU / sides as f64).cos();
+        for side in 0..sides {
+            let (sin, cos) = (TAU * (side as f64 + 0.5) / sides as f64).sin_cos();
+            let at = value(Point::new(corner * cos, corner * sin, -HIGH));
+            assert!(at.abs() < 1e-3, "{sides} {at}");
+        }
+    }
+}
+
+#[test]
+fn the_sides_of_a_prism_hardly_lean() {
+    let found = regulars(3, &touched(3, 6, &[0, 1, 2, 3, 4, 5]));
+    let leaning = found[KEPT..].iter().find(|body| body.parts().len() == 8).unwrap();
+    let axis = leaning.planes().map(|plane| plane.normal).nth(6).unwrap();
+    for side in leaning.planes().take(6) {
+        assert!(side.normal.dot(&axis).abs() < 0.01, "{}", side.normal.dot(&axis));
+    }
+}
+
 #[test]
 fn turned_its_sides_stay_equal() {
     let body = &regulars(3, &touched(3, 6, &[0, 1, 2, 3, 4, 5]))[0];
