@@ -13,6 +13,7 @@ use crate::shape::{Outline, ShapeError};
 pub const KINDS: &str = "rectangle:WxH, triangle:R, hexagon:R, ngon:N,R (R the circumradius), \
     ellipse:AxB, lshape:WxHxT or tshape:WxHxT (arms T wide; WxHxTxZ a prism), polygon:FILE, \
     corners:XxY,XxY,… (convex, counter-clockwise), prism:Z,OBJECT (a convex planar object Z tall), \
+    pyramid:Z,OBJECT (to a tip Z above it), frustum:Z,T,OBJECT (to a top T times as wide), \
     box:XxYxZ, cylinder:DxH, sphere:D, ellipsoid:AxBxC, or a mesh file (.ply, .stl, .obj, .off)";
 
 /// The greatest number of corners of a polygon.
@@ -49,6 +50,16 @@ pub enum ObjectSpec {
         base: Box<ObjectSpec>,
         /// Along z.
         height: f64,
+    },
+    /// `pyramid:Z,OBJECT`, a convex planar object drawn to a tip along z above its middle, and
+    /// `frustum:Z,T,OBJECT`, to a smaller one.
+    Pyramid {
+        /// Rectangle, regular polygon, ellipse or corners.
+        base: Box<ObjectSpec>,
+        /// Along z.
+        height: f64,
+        /// How many times as wide as the base the top is: below one, zero for a tip.
+        top: f64,
     },
     /// `box:XxYxZ`.
     Cuboid([f64; 3]),
@@ -152,16 +163,26 @@ impl FromStr for ObjectSpec {
             "polygon" => ObjectSpec::Polygon(file("polygon:FILE")?),
             "corners" => ObjectSpec::Corners(corners(text, size)?),
             "prism" => {
-                let expected = "prism:Z,OBJECT with a convex planar object";
-                let (height, base) = size
-                    .split_once(',')
-                    .ok_or_else(|| malformed(text, expected, "no object after a comma"))?;
-                let [height] = lengths(text, kind, height, "Z,OBJECT")?;
-                let base: ObjectSpec = base.parse()?;
-                if !base.is_convex_outline() {
-                    return Err(malformed(text, expected, base));
-                }
-                ObjectSpec::Prism { base: Box::new(base), height }
+                let (height, base) = standing(text, kind, size, "Z,OBJECT")?;
+                ObjectSpec::Prism { base, height }
+            }
+            "pyramid" => {
+                let (height, base) = standing(text, kind, size, "Z,OBJECT")?;
+                ObjectSpec::Pyramid { base, height, top: 0.0 }
+            }
+            "frustum" => {
+                let (height, rest) = size.split_once(',').unwrap_or((size, ""));
+                let (top, base) = rest.split_once(',').unwrap_or((rest, ""));
+                let (height, base) =
+                    standing(text, kind, &format!("{height},{base}"), "Z,T,OBJECT")?;
+                let top = match top.trim().parse() {
+                    Ok(share) if 0.0 < share && share < 1.0 => share,
+                    _ => {
+                        let expected = "frustum:Z,T,OBJECT with T between 0 and 1";
+                        return Err(malformed(text, expected, format!("{top:?}")));
+                    }
+                };
+                ObjectSpec::Pyramid { base, height, top }
             }
             "box" => ObjectSpec::Cuboid(lengths(text, kind, size, "XxYxZ")?),
             "cylinder" => {
@@ -212,6 +233,26 @@ fn lengths<const N: usize>(
         }
     }
     Ok(values)
+}
+
+/// A height and the convex planar object that stands there.
+fn standing(
+    text: &str,
+    kind: &str,
+    size: &str,
+    form: &str,
+) -> Result<(f64, Box<ObjectSpec>), ObjectError> {
+    let expected = || format!("{kind}:{form} with a convex planar object");
+    let (height, base) = size
+        .split_once(',')
+        .filter(|(_, base)| !base.is_empty())
+        .ok_or_else(|| malformed(text, expected(), "no object after a comma"))?;
+    let [height] = lengths(text, kind, height, form)?;
+    let base: ObjectSpec = base.parse()?;
+    if !base.is_convex_outline() {
+        return Err(malformed(text, expected(), base));
+    }
+    Ok((height, Box::new(base)))
 }
 
 /// `XxY,XxY,…`: at least three, convex, counter-clockwise.
@@ -277,6 +318,8 @@ impl std::fmt::Display for ObjectSpec {
                 write!(f, "corners:{}", each.join(","))
             }
             ObjectSpec::Prism { base, height } => write!(f, "prism:{height},{base}"),
+            ObjectSpec::Pyramid { base, height, top: 0.0 } => write!(f, "pyramid:{height},{base}"),
+            ObjectSpec::Pyramid { base, height, top } => write!(f, "frustum:{height},{top},{base}"),
             ObjectSpec::Cuboid([x, y, z]) => write!(f, "box:{x}x{y}x{z}"),
             ObjectSpec::Cylinder { diameter, height } => write!(f, "cylinder:{diameter}x{height}"),
             ObjectSpec::Sphere(d) => write!(f, "sphere:{d}"),
@@ -338,6 +381,8 @@ mod tests {
             "polygon:a.csv",
             "corners:-0.05x-0.03,0.045x-0.035,0.055x0.02,-0.03x0.04",
             "prism:0.06,hexagon:0.045",
+            "pyramid:0.09,rectangle:0.09x0.09",
+            "frustum:0.07,0.6,ellipse:0.1x0.08",
             "box:0.12x0.06x0.05",
             "cylinder:0.06x0.1",
             "sphere:0.08",
@@ -377,6 +422,12 @@ mod tests {
             ("prism:0.06", "expected prism:Z,OBJECT with a convex planar object, found no object"),
             ("prism:tall,hexagon:0.045", "expected prism:Z,OBJECT with a length such as"),
             ("prism:1x2,hexagon:0.045", "expected prism:Z,OBJECT, found 2 lengths"),
+            ("prism:0.06,", "expected prism:Z,OBJECT with a convex planar object, found no object"),
+            ("pyramid:0.06", "expected pyramid:Z,OBJECT with a convex planar object"),
+            ("pyramid:0.06,sphere:0.1", "with a convex planar object, found sphere:0.1"),
+            ("frustum:0.06,hexagon:0.045", "frustum:Z,T,OBJECT with a convex planar object"),
+            ("frustum:0.06,1,hexagon:0.045", "with T between 0 and 1, found \"1\""),
+            ("frustum:0.06,nan,hexagon:0.045", "with T between 0 and 1, found \"nan\""),
         ] {
             let error = text.parse::<ObjectSpec>().unwrap_err().to_string();
             assert!(error.contains(expected), "{text:?}: {error}");

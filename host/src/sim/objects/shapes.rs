@@ -38,7 +38,7 @@ impl ObjectSpec {
                 let (vertices, hub) = arms.polygon();
                 match arms.height {
                     None => outline(vertices)?,
-                    Some(height) => prism(&vertices, hub, height)?,
+                    Some(height) => prism(&vertices, hub, height, 1.0)?,
                 }
             }
             ObjectSpec::Polygon(file) => {
@@ -50,18 +50,14 @@ impl ObjectSpec {
                 centred(vertices)?
             }
             ObjectSpec::Corners(corners) => centred(corners)?,
-            ObjectSpec::Prism { base, height } => match base.geometry()? {
-                Geometry::Outline(Outline { loops }) => {
-                    prism(loops.first().map_or(&[], Vec::as_slice), [0.0; 2], *height)?
-                }
-                solid => solid,
-            },
+            ObjectSpec::Prism { base, height } => standing(base, *height, 1.0)?,
+            ObjectSpec::Pyramid { base, height, top } => standing(base, *height, *top)?,
             ObjectSpec::Cuboid([x, y, z]) => {
                 let corners = [[-x, -y], [*x, -y], [*x, *y], [-x, *y]];
-                prism(&corners.map(|[x, y]| [x / 2.0, y / 2.0]), [0.0; 2], *z)?
+                prism(&corners.map(|[x, y]| [x / 2.0, y / 2.0]), [0.0; 2], *z, 1.0)?
             }
             ObjectSpec::Cylinder { diameter, height } => {
-                prism(&around(SIDES, 0.0, [diameter / 2.0; 2]), [0.0; 2], *height)?
+                prism(&around(SIDES, 0.0, [diameter / 2.0; 2]), [0.0; 2], *height, 1.0)?
             }
             ObjectSpec::Sphere(d) => ellipsoid([d / 2.0; 3])?,
             ObjectSpec::Ellipsoid(axes) => ellipsoid(axes.map(|a| a / 2.0))?,
@@ -116,18 +112,47 @@ impl Arms {
     }
 }
 
-/// A polygon, counter-clockwise and all of it seen from `hub`, swept along z.
-fn prism(polygon: &[[f64; 2]], [x, y]: [f64; 2], height: f64) -> Result<Geometry, ObjectError> {
+/// A planar object, convex and about its centroid, swept along z; see [`prism`].
+fn standing(base: &ObjectSpec, height: f64, top: f64) -> Result<Geometry, ObjectError> {
+    match base.geometry()? {
+        Geometry::Outline(Outline { loops }) => {
+            prism(loops.first().map_or(&[], Vec::as_slice), [0.0; 2], height, top)
+        }
+        solid => Ok(solid),
+    }
+}
+
+/// A polygon, counter-clockwise and all of it seen from `hub`, swept along z to one that is `top` times as wide, about
+/// the centroid of the two and all between.
+fn prism(
+    polygon: &[[f64; 2]],
+    [x, y]: [f64; 2],
+    height: f64,
+    top: f64,
+) -> Result<Geometry, ObjectError> {
+    let low = -0.5 * height * ((0.5 + top + 1.5 * top * top) / (1.0 + top + top * top));
+    let high = low + height;
+    let at =
+        |scale: f64, z: f64| polygon.iter().map(move |v| Point::new(scale * v[0], scale * v[1], z));
     let n = polygon.len() as u32;
-    let at = |z: f64| polygon.iter().map(move |v| Point::new(v[0], v[1], z));
-    let mut vertices: Vec<Point> = at(-height / 2.0).chain(at(height / 2.0)).collect();
-    vertices.extend([Point::new(x, y, -height / 2.0), Point::new(x, y, height / 2.0)]);
-    let (bottom, top) = (2 * n, 2 * n + 1);
-    let triangles = (0..n).flat_map(|i| {
+    let mut vertices: Vec<Point> = at(1.0, low).collect();
+    if top > 0.0 {
+        vertices.extend(at(top, high));
+    }
+    // The middles of both ends; the upper one is the tip where there is one.
+    let (bottom, upper) = (vertices.len() as u32, vertices.len() as u32 + 1);
+    vertices.extend([Point::new(x, y, low), Point::new(top * x, top * y, high)]);
+    let mut triangles: Vec<[u32; 3]> = Vec::new();
+    for i in 0..n {
         let j = (i + 1) % n;
-        [[i, j, n + j], [i, n + j, n + i], [bottom, j, i], [top, n + i, n + j]]
-    });
-    Ok(Geometry::Mesh(Mesh::new(vertices, triangles.collect())?))
+        if top > 0.0 {
+            triangles.extend([[i, j, n + j], [i, n + j, n + i]]);
+            triangles.extend([[bottom, j, i], [upper, n + i, n + j]]);
+        } else {
+            triangles.extend([[i, j, upper], [bottom, j, i]]);
+        }
+    }
+    Ok(Geometry::Mesh(Mesh::new(vertices, triangles)?))
 }
 
 /// Stacks of slices between two poles.
@@ -210,6 +235,9 @@ mod tests {
             ("lshape:0.09x0.08x0.03x0.05", 0.03 * 0.14 * 0.05),
             ("tshape:0.09x0.08x0.03x0.05", 0.03 * 0.14 * 0.05),
             ("prism:0.05,corners:-0.03x-0.02,0.06x-0.02,-0.03x0.045", 0.09 * 0.065 / 2.0 * 0.05),
+            ("pyramid:0.09,rectangle:0.09x0.08", 0.09 * 0.08 * 0.09 / 3.0),
+            ("frustum:0.06,0.5,rectangle:0.09x0.08", 0.09 * 0.08 * 0.06 * 1.75 / 3.0),
+            ("pyramid:0.1,ellipse:0.08x0.06", PI * 0.04 * 0.03 * 0.1 / 3.0),
             ("sphere:0.1", PI / 6.0 * 1e-3),
             ("ellipsoid:0.12x0.08x0.06", PI / 6.0 * 0.12 * 0.08 * 0.06),
         ];
