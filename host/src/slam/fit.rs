@@ -60,8 +60,8 @@ pub struct Fitted {
 }
 
 /// The Matérn-3/2 surfaces that explain the contacts: about a ball, about another quadric or one cut by
-/// flat faces, about a superquadric, about a can, cup or cone, round or oval, about a block, about a prism
-/// (in the plane a polygon) with three to eight equal sides, and about the
+/// flat faces, about a superquadric, about a can, cup or cone, round or oval, about a block, about a prism,
+/// pyramid or frustum (in the plane a polygon) with three to eight equal sides, and about the
 /// polytope of the faces, with and without the corners where a side was probably missed ([`Body`]). Each has the
 /// amplitude, the lengthscale and the factor on the contacts' noise that the contacts, and what suits
 /// most objects, make most plausible. They are blended as their probabilities are; more than sixty contacts
