@@ -237,8 +237,9 @@ pub struct Body {
     degrees: f64,
 }
 
-/// Deviations of a contact's point within which a crease may be crossed.
-const CREASE: f64 = 2.0;
+/// By how much a side's normals differ from the fitted part's for other reasons than noise, radians: sides
+/// bulge, and edges are round.
+const LEAN: f64 = 0.25;
 
 impl Body {
     /// What it is the intersection of.
@@ -270,24 +271,20 @@ impl Body {
         parts.fold(far, |most, part| if part.1.0 > most.1.0 { part } else { most })
     }
 
-    /// The part a contact was felt on: of those its deviation lets it lie on, the one whose normal
-    /// is most like its own.
+    /// The part a contact was felt on: the most probable one by how far before the surface there it lies, and
+    /// by its normal. One near an edge may lie some deviations before the side it is of.
     fn touched(&self, contact: &Contact) -> (usize, Local) {
-        let (index, most) = self.active(&contact.point);
-        let Some(normal) = contact.normal else { return (index, most) };
-        let near = most.0 - CREASE * contact.point_deviation;
-        let apart = |local: &Local| (local.1 - normal).norm_squared();
-        self.parts
-            .iter()
-            .map(|part| part.at(&contact.point))
-            .enumerate()
-            .filter(|(_, local)| local.0 >= near)
-            .fold(
-                (index, most),
-                |best, part| {
-                    if apart(&part.1) < apart(&best.1) { part } else { best }
-                },
-            )
+        let active = self.active(&contact.point);
+        let Some(normal) = contact.normal else { return active };
+        let most = active.1.0;
+        let turned = contact.normal_deviation.powi(2) + LEAN.powi(2);
+        let cost = |local: &Local| {
+            ((most - local.0) / contact.point_deviation).powi(2)
+                + (local.1 - normal).norm_squared() / turned
+        };
+        let parts = self.parts.iter().map(|part| part.at(&contact.point)).enumerate();
+        let least = parts.min_by(|a, b| cost(&a.1).total_cmp(&cost(&b.1)));
+        least.unwrap_or(active)
     }
 
     /// What each mode adds at `p`, to first order on the surface. Beyond a round part's surface that

@@ -5,7 +5,6 @@ use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen};
 use super::{Body, Mode, Part, Plane};
 use crate::reference::Contact;
 use crate::reference::faces::{Face, Faces, Owner};
-use crate::reference::mean::Local;
 use crate::space::Point;
 
 /// How often the parameters are corrected.
@@ -29,7 +28,7 @@ impl Body {
             body = body.moved(by.as_slice(), &about)?;
         }
         let (_, covariance) = body.corrected(&contacts)?;
-        let owners: Vec<usize> = contacts.iter().map(|c| body.likeliest(c).0).collect();
+        let owners: Vec<usize> = contacts.iter().map(|c| body.touched(c).0).collect();
         let face = |side: usize| {
             let own = owners.iter().filter(|owner| **owner == side).count();
             Some(Face { contacts: own, ..body.face(side, &covariance)? })
@@ -39,26 +38,13 @@ impl Body {
         Some(Faces::explaining(dimension, &contacts, faces, owners))
     }
 
-    /// The part a contact is most probably on, by its place and its normal: one near an edge may lie some
-    /// deviations before the other side.
-    fn likeliest(&self, contact: &Contact) -> (usize, Local) {
-        let Some(normal) = contact.normal else { return self.active(&contact.point) };
-        let cost = |local: &Local| {
-            (local.0 / contact.point_deviation).powi(2)
-                + (local.1 - normal).norm_squared() / contact.normal_deviation.powi(2)
-        };
-        let parts = self.parts.iter().map(|part| part.at(&contact.point)).enumerate();
-        let best = parts.min_by(|a, b| cost(&a.1).total_cmp(&cost(&b.1)));
-        best.unwrap_or_else(|| self.active(&contact.point))
-    }
-
     /// By how many deviations of each mode the parts are best moved, all in all, and their covariance.
     fn corrected(&self, contacts: &[Contact]) -> Option<(DVector<f64>, DMatrix<f64>)> {
         let count = self.modes.len();
         let moved = DVector::from_iterator(count, self.modes.iter().map(|mode| mode.moved));
         let (mut information, mut right) = (DMatrix::identity(count, count), -&moved);
         for contact in contacts {
-            let (part, (value, slope)) = self.likeliest(contact);
+            let (part, (value, slope)) = self.touched(contact);
             let modes: Vec<_> = self.modes_of(part, &contact.point).collect();
             let mut add = |row: DVector<f64>, off: f64, deviation: f64| {
                 let row = row / deviation;
