@@ -1,6 +1,7 @@
 //! Harness of the cross-crate tests: finds data, builds firmware and runs it in QEMU.
 
 use std::path::PathBuf;
+use std::sync::Once;
 use std::time::Duration;
 
 use serde_json::Map;
@@ -32,13 +33,30 @@ pub fn unless_missing<T>(outcome: Result<T, FirmwareError>) -> Option<T> {
     }
 }
 
+/// An image, or `None` when something has to be installed first.
+///
+/// # Panics
+/// When the compiler refuses it.
+pub fn built(image: &str, machine: Machine) -> Option<PathBuf> {
+    static AHEAD: Once = Once::new();
+    // Where all tests run, most images are needed.
+    if firmware_is_required() {
+        AHEAD.call_once(|| {
+            let images = firmware::IMAGES.map(|(name, ..)| name);
+            unless_missing(firmware::build_ahead(&images, Machine::Stm32f405));
+            unless_missing(firmware::build_ahead(&firmware::BENCHES, Machine::Mps2An386));
+        });
+    }
+    unless_missing(firmware::build(image, machine))
+}
+
 /// An image and a running emulator with it, or `None` when something has to be installed first.
 ///
 /// # Panics
 /// When no image follows objects so.
 pub fn board<S: WireSpace>(machine: Machine, tracker: TrackerKind) -> Option<(PathBuf, Qemu)> {
     let image = firmware::image_for(S::DIMENSION, tracker).expect("an image with this tracker");
-    let elf = unless_missing(firmware::build(image, machine))?;
+    let elf = built(image, machine)?;
     let board = unless_missing(Qemu::start(&elf, machine, Duration::from_secs(300)))?;
     Some((elf, board))
 }

@@ -12,7 +12,8 @@ use tactile_host::log::recording::{Header, Recording};
 use tactile_tests::Sample;
 
 fn quick() -> Patience {
-    Patience { reply: Duration::ZERO, update: Duration::ZERO, attempts: 60 }
+    const NONE: Duration = Duration::ZERO;
+    Patience { greeting: NONE, reply: NONE, update: NONE, attempts: 60 }
 }
 
 fn run<S: Sample>(link: impl Link, grasps: usize) -> LogOutcome<S> {

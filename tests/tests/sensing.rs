@@ -16,7 +16,7 @@ use tactile_host::link::firmware::{self, Machine};
 use tactile_host::link::qemu::Qemu;
 use tactile_host::link::{Link, Patience, Session, SessionError, virtual_board};
 use tactile_host::space::{Bridge, Point, Pose};
-use tactile_tests::unless_missing;
+use tactile_tests::{built, unless_missing};
 
 const FINGERS: u8 = 5;
 /// The finger that has electrodes; the others have gauges.
@@ -25,12 +25,8 @@ const RADIUS: f64 = 0.007;
 /// Readings of a free finger that make a tare here.
 const TARE: u16 = 8;
 
-fn quick() -> Patience {
-    Patience { reply: Duration::from_millis(500), ..Patience::default() }
-}
-
 fn emulated(image: &str) -> Option<Qemu> {
-    let elf = unless_missing(firmware::build(image, Machine::Stm32f405))?;
+    let elf = built(image, Machine::Stm32f405)?;
     unless_missing(Qemu::start(&elf, Machine::Stm32f405, Duration::from_secs(120)))
 }
 
@@ -124,7 +120,7 @@ fn fingertip(point: &Point, normal: &Point, (place, outward): &(Point, Point)) -
 
 /// A session with a board whose fingers are set up and tared.
 fn ready<L: Link>(link: L) -> Session<Spatial, L> {
-    let mut session = Session::<Spatial, _>::open(link, quick()).unwrap();
+    let mut session = Session::<Spatial, _>::open(link, Patience::default()).unwrap();
     assert_eq!(session.hello().unwrap().fingers, FINGERS);
     let settings = Settings { translation: 2e-3, rotation: 0.05, seed: 3, ..Settings::DEFAULT };
     session.configure(settings).unwrap();
@@ -367,7 +363,7 @@ fn firmware_refuses_and_streams_as_a_virtual_board() {
 #[test]
 fn firmware_for_real_sensors_says_that_there_are_none() {
     let Some(board) = emulated(firmware::GAUGES) else { return };
-    let mut session = Session::<Spatial, _>::open(board, quick()).unwrap();
+    let mut session = Session::<Spatial, _>::open(board, Patience::default()).unwrap();
     assert_eq!(session.hello().unwrap().fingers, FINGERS);
     session.set_up_sensor(0, &gauges()).unwrap();
     let start = std::time::Instant::now();

@@ -216,22 +216,17 @@ impl Toolchain {
 /// When compiler or sources are missing, or the compiler refuses.
 pub fn build(image: &str, machine: Machine) -> Result<PathBuf, FirmwareError> {
     let workshop = Workshop::open()?;
-    let mut command = workshop.toolchain.command(false);
-    command.args(["build", "--package", "tactile-firmware", "--bin", image]);
-    command.args(["--profile", "firmware"]);
-    let features = if BENCHES.contains(&image) { "semihosting" } else { "" };
-    workshop.run(command, image, machine, features, &[])?;
+    workshop.build(&[image], machine)?;
+    workshop.kept(image, machine)
+}
 
-    let images = workshop.target.join("images");
-    let describe = |path: &Path| format!("write {}", path.display());
-    fs::create_dir_all(&images).map_err(FirmwareError::io(describe(&images)))?;
-    let built = workshop.target.join(TARGET).join("firmware").join(image);
-    let elf = images.join(format!("{image}-{}.elf", machine.feature()));
-    let fresh = images.join(format!("{image}-{}.new", machine.feature()));
-    fs::copy(&built, &fresh)
-        .and_then(|_| fs::rename(&fresh, &elf))
-        .map_err(FirmwareError::io(describe(&elf)))?;
-    Ok(elf)
+/// Builds several images, which occupies more processors than one does: they are there when
+/// [`build`] is asked for them.
+///
+/// # Errors
+/// As [`build`]'s.
+pub fn build_ahead(images: &[&str], machine: Machine) -> Result<(), FirmwareError> {
+    Workshop::open()?.build(images, machine)
 }
 
 /// Checks core and firmware with clippy for the board's target; warnings are errors.
@@ -286,6 +281,29 @@ impl Workshop {
             .and_then(|file| file.lock().map(|()| file))
             .map_err(FirmwareError::io(format!("write {}", path.display())))?;
         Ok(Workshop { root, target, toolchain, _lock: lock })
+    }
+
+    fn build(&self, images: &[&str], machine: Machine) -> Result<(), FirmwareError> {
+        let mut command = self.toolchain.command(false);
+        command.args(["build", "--package", "tactile-firmware", "--profile", "firmware"]);
+        command.args(images.iter().flat_map(|image| ["--bin", image]));
+        let is_bench = images.iter().any(|image| BENCHES.contains(image));
+        let features = if is_bench { "semihosting" } else { "" };
+        self.run(command, &images.join(", "), machine, features, &[])
+    }
+
+    /// A copy of what was built that no other board's image replaces.
+    fn kept(&self, image: &str, machine: Machine) -> Result<PathBuf, FirmwareError> {
+        let images = self.target.join("images");
+        let describe = |path: &Path| format!("write {}", path.display());
+        fs::create_dir_all(&images).map_err(FirmwareError::io(describe(&images)))?;
+        let built = self.target.join(TARGET).join("firmware").join(image);
+        let elf = images.join(format!("{image}-{}.elf", machine.feature()));
+        let fresh = images.join(format!("{image}-{}.new", machine.feature()));
+        fs::copy(&built, &fresh)
+            .and_then(|_| fs::rename(&fresh, &elf))
+            .map_err(FirmwareError::io(describe(&elf)))?;
+        Ok(elf)
     }
 
     /// Adds what every command needs and runs it.

@@ -33,6 +33,8 @@ pub use sensed::SensedError;
 /// How long to wait before a command is sent again, and how often.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Patience {
+    /// For the reply to the greeting, which a board that only begins to listen does not hear.
+    pub greeting: Duration,
     /// For a reply to anything but a commit.
     pub reply: Duration,
     /// For the reply to a commit or a choice, before which the board computes.
@@ -44,6 +46,7 @@ pub struct Patience {
 impl Default for Patience {
     fn default() -> Self {
         Patience {
+            greeting: Duration::from_millis(500),
             reply: Duration::from_millis(500),
             update: Duration::from_secs(20),
             attempts: 10,
@@ -198,6 +201,11 @@ impl<S: WireSpace, L: Link> Session<S, L> {
     /// What has been seen of the board's frames.
     pub fn received(&self) -> &Counters {
         self.decoder.counters()
+    }
+
+    /// How often a command was sent again.
+    pub fn repeated(&self) -> u32 {
+        self.repeated
     }
 
     /// Sets noise and seed; the board forgets the object.
@@ -462,6 +470,7 @@ impl<S: WireSpace, L: Link> Session<S, L> {
         again.push(0);
         again.extend_from_slice(wire);
         let wait = match command {
+            Command::Hello { .. } => self.patience.greeting,
             Command::Commit | Command::Query(Topic::BestCandidate(_)) => self.patience.update,
             _ => self.patience.reply,
         };

@@ -152,7 +152,7 @@ mod tests {
         for object in
             ["ellipse:0.1x0.06", "sphere:0.08", "ellipsoid:0.1x0.07x0.05", "cylinder:0.05x0.12"]
         {
-            for seed in 0..3 {
+            for seed in 0..2 {
                 let (dimension, contacts, wild) = felt(object, seed, 0.1);
                 let trusted = trusted(dimension, &contacts);
                 let both = || trusted.iter().zip(&wild);
@@ -200,7 +200,7 @@ mod tests {
         for object in
             ["ellipse:0.1x0.06", "hexagon:0.045", "cylinder:0.05x0.12"].iter().chain(&hollow)
         {
-            for seed in 0..3 {
+            for seed in 0..2 {
                 let (dimension, contacts, _) = felt(object, seed, 0.0);
                 let lost = trusted(dimension, &contacts).iter().filter(|t| !**t).count();
                 assert!(lost <= 1, "{object} {seed}: {lost}");
@@ -212,7 +212,7 @@ mod tests {
 
     #[test]
     fn sides_of_a_hollow_are_no_wild_contacts_though_they_are_far_apart() {
-        for seed in 0..12 {
+        for seed in 0..6 {
             let (dimension, contacts, _) = touched("lshape:0.09x0.09x0.035x0.05", 40, seed);
             let lost = trusted(dimension, &contacts).iter().filter(|t| !**t).count();
             assert!(lost <= 1, "{seed}: {lost}");

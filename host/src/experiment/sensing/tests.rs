@@ -17,7 +17,7 @@ use crate::space::Point;
 
 #[test]
 fn a_newton_is_felt_within_half_a_millimetre() {
-    let table = wrench::run(4).unwrap();
+    let table = wrench::run(2).unwrap();
     let averaged =
         |newtons: f64| table.rows.iter().filter(move |r| r.window == 8 && r.newtons == newtons);
     assert_eq!(averaged(1.0).count(), 2);

@@ -99,7 +99,7 @@ fn dead_reckoning_drifts_and_the_oracle_does_not() {
         graph: crate::graph::Kind::None,
         outliers: 0.0,
         grasps: None,
-        seeds: 3,
+        seeds: 2,
         first_seed: 5,
     };
     let mut told = Vec::new();
@@ -107,9 +107,9 @@ fn dead_reckoning_drifts_and_the_oracle_does_not() {
     assert_eq!(told, table.rows);
     let [oracle, odometry] = &table.rows[..] else { panic!("{table}") };
     assert_eq!(oracle.object, "triangle:0.06");
-    assert_eq!(oracle.success, Proportion { successes: 3, of: 3 });
+    assert_eq!(oracle.success, Proportion { successes: 2, of: 2 });
     assert!(oracle.contacts_mm.unwrap().median < 1.5);
-    assert!(odometry.success.successes < 3 && odometry.last_deg.unwrap().median > 5.0);
+    assert!(odometry.success.successes < 2 && odometry.last_deg.unwrap().median > 5.0);
     assert!(oracle.milliseconds.is_none());
 }
 
@@ -158,27 +158,26 @@ fn the_batch_starts_from_the_truth_and_knows_no_more_than_was_felt() {
 
 #[test]
 fn a_tenth_of_wild_contacts_does_not_spoil_a_flat_shape() {
-    for object in ["triangle:0.06", "hexagon:0.045", "lshape:0.10x0.07x0.03"] {
-        let distance = |seed: u64| {
-            let options = Options { seed, outliers: 0.1, ..Options::new(object.parse().unwrap()) };
-            let Simulation { log, geometry, .. } = simulate(&options).unwrap();
-            let steps = crate::slam::track::truth(&log).unwrap();
-            let found = graph::joint::refine(&log, &steps).unwrap();
-            let found = graph::Corrected::jointly(&log, found);
-            let truth = Truth::new(geometry);
-            let judged = judge_known(&log, &found.relative, found.faces.as_ref(), &truth).unwrap();
-            judged.hausdorff.unwrap()
-        };
-        let distances: Vec<f64> = (0..8).map(distance).collect();
-        let good = distances.iter().filter(|d| **d < 4e-3).count();
-        // In two logs of the triangle a fifth is wild or beyond the corners.
-        assert!(good >= 6, "{object}: {distances:?}");
-    }
+    let objects = ["triangle:0.06", "hexagon:0.045", "lshape:0.10x0.07x0.03"];
+    let distance = |object: &str, seed: u64| {
+        let options = Options { seed, outliers: 0.1, ..Options::new(object.parse().unwrap()) };
+        let Simulation { log, geometry, .. } = simulate(&options).unwrap();
+        let steps = crate::slam::track::truth(&log).unwrap();
+        let found = graph::joint::refine(&log, &steps).unwrap();
+        let found = graph::Corrected::jointly(&log, found);
+        let truth = Truth::new(geometry);
+        let judged = judge_known(&log, &found.relative, found.faces.as_ref(), &truth).unwrap();
+        judged.hausdorff.unwrap()
+    };
+    let distances = objects.map(|object| [0, 1, 2, 3].map(|seed| distance(object, seed)));
+    let good = distances.as_flattened().iter().filter(|d| **d < 4e-3).count();
+    // In some logs a fifth is wild or beyond the corners.
+    assert!(good >= 9, "{distances:?}");
 }
 
 #[test]
 fn a_tenth_of_wild_contacts_does_not_spoil_a_curved_shape() {
-    for object in ["ellipse:0.1x0.06", "ellipsoid:0.1x0.07x0.05"] {
+    for (object, seeds) in [("ellipse:0.1x0.06", 0..2), ("ellipsoid:0.1x0.07x0.05", 0..1)] {
         let distance = |seed: u64| {
             let options = Options { seed, outliers: 0.1, ..Options::new(object.parse().unwrap()) };
             let Simulation { log, geometry, .. } = simulate(&options).unwrap();
@@ -187,7 +186,7 @@ fn a_tenth_of_wild_contacts_does_not_spoil_a_curved_shape() {
             let judged = judge(&log, &found.steps, &Truth::new(geometry)).unwrap();
             judged.hausdorff.unwrap()
         };
-        let distances: Vec<f64> = (0..3).map(distance).collect();
+        let distances: Vec<f64> = seeds.map(distance).collect();
         assert!(distances.iter().all(|d| *d < 4e-3), "{object}: {distances:?}");
     }
 }
