@@ -1,5 +1,7 @@
 //! Blocks: sides square to each other, each with its counterpart across.
 
+use std::f64::consts::FRAC_PI_2;
+
 use nalgebra::{DVector, Rotation2, Rotation3};
 
 use super::end::{Side, USUAL};
@@ -18,6 +20,9 @@ const SAME: f64 = 0.97;
 
 /// Frames that are tried at most.
 const FRAMES: usize = 12;
+
+/// Directions that the smallest rectangle about the contacts of a plate is looked for in.
+const WAYS: u32 = 180;
 
 /// A side of a block.
 #[derive(Clone, Copy, PartialEq)]
@@ -39,11 +44,12 @@ pub(super) struct Block {
 
 impl Body {
     /// The block that fits best, a rectangle in the plane, with ends beyond the contacts where no side was felt.
-    /// `None` without contacts, where no two of the `faces` are across one another, or when fewer than one and a
-    /// half numbers were measured per parameter.
+    /// Of a plate felt on both broad sides alone the ends lie along the smallest rectangle about the contacts. `None`
+    /// without contacts, where no two of the `faces` are square to one another and none is opposite to that with most
+    /// contacts, or when fewer than one and a half numbers were measured per parameter.
     pub fn block(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<Body> {
         let problem = Problem::of(dimension, contacts)?;
-        let fits = frames(dimension, faces).into_iter().map(|axes| {
+        let fits = frames(dimension, faces, problem.felt()).into_iter().map(|axes| {
             let block = Block::of(dimension, axes, problem.felt());
             (block, problem.climb(block.begun(problem.felt()), TRIAL))
         });
@@ -163,9 +169,28 @@ impl Block {
     }
 }
 
+/// The direction, unit and square to `normal`, of a side of the smallest rectangle about the contacts as they are seen
+/// along it (to half a degree): where they fell anywhere on a rectangle alike, the most probable one. `None` where
+/// numbers are none.
+fn outline(normal: &Point, felt: &[Felt]) -> Option<Point> {
+    let first = normal.cross(&Point::ith(normal.iamin(), 1.0)).try_normalize(1e-9)?;
+    let second = normal.cross(&first);
+    let width = |way: &Point| {
+        let along = felt.iter().map(|felt| way.dot(&felt.point));
+        along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
+    };
+    let ways = (0..WAYS).map(|i| {
+        let (sin, cos) = (FRAC_PI_2 * f64::from(i) / f64::from(WAYS)).sin_cos();
+        let way = first * cos + second * sin;
+        (width(&way) * width(&normal.cross(&way)), way)
+    });
+    let known = ways.filter(|(area, _)| area.is_finite());
+    known.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, way)| way)
+}
+
 /// Axes that a block may have: the normal of a face and, in space, that of one across it; those of faces with most
-/// contacts first.
-fn frames(dimension: usize, faces: &Faces) -> Vec<[Point; 3]> {
+/// contacts first. Where there is none across, but one opposite, those of a plate.
+fn frames(dimension: usize, faces: &Faces, felt: &[Felt]) -> Vec<[Point; 3]> {
     let mut sides: Vec<_> = faces.faces.iter().collect();
     sides.sort_by_key(|face| std::cmp::Reverse(face.contacts));
     let mut frames: Vec<[Point; 3]> = vec![];
@@ -185,6 +210,13 @@ fn frames(dimension: usize, faces: &Faces) -> Vec<[Point; 3]> {
                 frames.push([first, second, first.cross(&second)]);
             }
         }
+    }
+    let is_plate = |first: &Point| sides.iter().any(|face| face.normal.dot(first) < -SAME);
+    if frames.is_empty()
+        && let Some(first) = sides.first().map(|face| face.normal).filter(is_plate)
+        && let Some(second) = outline(&first, felt)
+    {
+        frames.push([first, second, first.cross(&second)]);
     }
     frames
 }
@@ -270,6 +302,33 @@ mod tests {
     }
 
     #[test]
+    fn a_plate_felt_on_both_broad_sides_ends_about_its_contacts() {
+        // Out to the sides of a rectangle, which is turned.
+        let turn = Rotation3::from_axis_angle(&Point::z_axis(), 0.5);
+        let places = [[-1.0, -0.4], [1.0, 0.3], [-0.5, 1.0], [0.2, -1.0], [0.8, 0.8], [0.1, 0.2]];
+        let contacts = places.iter().flat_map(|[x, y]| {
+            [1.0, -1.0].map(|way| {
+                let point = Point::new(0.1 * x * way, 0.06 * y, 0.004 * way);
+                touch(turn * point, Point::z() * way)
+            })
+        });
+        let contacts: Vec<Contact> = contacts.collect();
+        let body = block(3, &contacts).unwrap();
+        assert_eq!(body.parts().len(), 6);
+        assert!(body.misfit() < 0.4, "{}", body.misfit());
+        for (out, half) in [(Point::x(), 0.1), (Point::y(), 0.06)] {
+            for way in [turn * out, -(turn * out)] {
+                assert!(body.value(&(way * half)) < 0.0);
+                assert!(body.value(&(way * (1.5 * half))) > 0.0);
+                assert!(body.planes().any(|plane| plane.normal.dot(&way) > 0.999));
+            }
+        }
+        // One broad side says nothing of how thick it is.
+        let above: Vec<Contact> = contacts.into_iter().filter(|c| c.point.z > 0.0).collect();
+        assert_eq!(block(3, &above), None);
+    }
+
+    #[test]
     fn turned_it_stays_square() {
         let body = block(3, &touched(3, [[1; 2]; 3])).unwrap();
         let mut by = vec![0.0; body.modes(&Point::zeros()).len()];
@@ -296,12 +355,11 @@ mod tests {
         };
         let hexagon: Vec<Contact> = (0..12).map(hexagon).collect();
         assert!(block(2, &hexagon).unwrap().misfit() > 10.0);
-        // All of one side, without any normal, and in space of two that are parallel.
+        // All of one side, and without any normal.
         let side = touched(3, [[4, 0], [0; 2], [0; 2]]);
         assert_eq!(block(3, &side), None);
         let bare: Vec<Contact> = side.iter().map(|c| Contact { normal: None, ..*c }).collect();
         assert_eq!(block(3, &bare), None);
-        assert_eq!(block(3, &touched(3, [[3, 3], [0; 2], [0; 2]])), None);
         assert_eq!(Body::block(3, &[], &Faces::fit(3, &side).unwrap()), None);
         // Three touches of two sides measure nine numbers for five.
         let three = touched(3, [[2, 0], [1, 0], [0; 2]]);

@@ -9,6 +9,10 @@ use crate::space::Point;
 /// no convex body will do. On a convex one they lie on it or behind it, up to noise.
 const HOLLOW: f64 = 0.5;
 
+/// Least radius for that, in mean distances of the contacts from their middle: the ball that fits a plate, whose
+/// normals nearly all point the same two ways, lies within it.
+const FLAT: f64 = 0.5;
+
 /// Deviations of that distance, and share of the contacts, that may do so all the same.
 const NOISE: f64 = 2.0;
 const WILD: f64 = 0.05;
@@ -26,7 +30,12 @@ impl Body {
     /// these least badly is none that says what lies between them.
     pub fn hollow(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<Body> {
         let Prior::Ball { radius, .. } = Prior::fitted(contacts)? else { return None };
-        let contradicted = contacts.iter().filter(|c| is_contradicted(c, contacts, radius)).count();
+        let Prior::Ball { radius: about, .. } = Prior::about(contacts.iter().map(|c| c.point))?
+        else {
+            return None;
+        };
+        let size = radius.max(FLAT * about);
+        let contradicted = contacts.iter().filter(|c| is_contradicted(c, contacts, size)).count();
         if contradicted as f64 <= WILD * contacts.len() as f64 {
             return None;
         }
@@ -54,13 +63,13 @@ impl Body {
 
 /// Whether another contact lies so far beyond the tangent plane of this one that the object is not
 /// convex there.
-fn is_contradicted(contact: &Contact, contacts: &[Contact], radius: f64) -> bool {
+fn is_contradicted(contact: &Contact, contacts: &[Contact], size: f64) -> bool {
     let Some(normal) = contact.normal else { return false };
     contacts.iter().any(|other| {
         let away = other.point - contact.point;
         let points = contact.point_deviation.hypot(other.point_deviation);
         let noise = points.hypot(contact.normal_deviation * away.norm());
-        normal.dot(&away) > HOLLOW * radius + NOISE * noise
+        normal.dot(&away) > HOLLOW * size + NOISE * noise
     })
 }
 
@@ -179,6 +188,26 @@ mod tests {
         };
         assert!(hollow(&around(0.6)).is_none());
         assert!(hollow(&around(0.05)).is_some());
+    }
+
+    #[test]
+    fn a_plate_is_not_hollow_for_the_normals_of_its_rim() {
+        let side = |way: f64| {
+            let touch = move |i: i32| {
+                let (x, y) = (2.4 * f64::from(i)).sin_cos();
+                contact(Point::new(0.1 * x, 0.06 * y, 0.003 * way), Point::z() * way)
+            };
+            (0..10).map(touch)
+        };
+        // As far off as one in a hundred is, so that the plane there cuts the far end.
+        let rim = (0..3).map(|i| {
+            let turn = nalgebra::Rotation3::from_axis_angle(&Point::z_axis(), 0.22);
+            contact(Point::new(-0.09 + 0.02 * f64::from(i), 0.06, 0.0), turn * Point::y())
+        });
+        let contacts: Vec<Contact> = side(1.0).chain(side(-1.0)).chain(rim).collect();
+        let Some(Prior::Ball { radius, .. }) = Prior::fitted(&contacts) else { panic!() };
+        assert!((Prior::LEAST_RADIUS..0.012).contains(&radius), "{radius}");
+        assert_eq!(Body::hollow(3, &contacts, &Faces::fit(3, &contacts).unwrap()), None);
     }
 
     #[test]
