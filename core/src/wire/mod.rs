@@ -43,11 +43,11 @@
 //!
 //! The host sends one command and waits for the [`Reply`] that carries the command's sequence
 //! number before it sends the next; what the command asked for (`Hello`, `Estimate`, `Health`,
-//! `Mode`, `Face`, `Finger`, `Choice`) comes before that reply. When nothing comes, the host sends the same frame again,
-//! and a board that has already obeyed it repeats its answer, byte for byte, without obeying twice.
-//! So a lost, damaged or doubled frame costs time and nothing else, and a UART without a FIFO never
-//! has to take a byte while it computes. Only `Hello` may start anew with any sequence number, and a
-//! board that has started obeys nothing before it.
+//! `Mode`, `Face`, `Finger`, `Choice`) comes before that reply. When nothing comes, the host sends
+//! the same frame again, and a board that has already obeyed it repeats its answer, byte for byte,
+//! without obeying twice. So a lost, damaged or doubled frame costs time and nothing else, and a
+//! UART without a FIFO never has to take a byte while it computes. Only `Hello` may start anew with
+//! any sequence number, and a board that has started obeys nothing before it.
 //!
 //! An ambiguous estimate names its heaviest pose; the others are asked for one by one
 //! ([`Topic::Mode`]), and so are the faces of the shape ([`Topic::Face`]).

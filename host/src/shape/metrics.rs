@@ -28,8 +28,8 @@ pub struct Distances {
 /// of each to the other surface is exact; vertices count for the Hausdorff distance too, so that
 /// corners are never missed. That distance is the thesis' (C.1–C.3) over these points: over all
 /// points of the surfaces it is greater by at most the distance to the nearest of them: 0.1 mm
-/// around a 400 mm outline, a millimetre inside the facets of a fist-sized mesh. `None` if either shape is empty, if one is planar and the other is
-/// not, or if a coordinate is not finite.
+/// around a 400 mm outline, a millimetre inside the facets of a fist-sized mesh. `None` if either
+/// shape is empty, if one is planar and the other is not, or if a coordinate is not finite.
 pub fn compare(estimate: &Geometry, truth: &Geometry) -> Option<Distances> {
     compare_at(estimate, &Pose::identity(), truth)
 }

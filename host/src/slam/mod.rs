@@ -2,9 +2,9 @@
 //!
 //! [`track`] follows the object with one of the core's [`trackers`] (or takes the log's true poses),
 //! [`reconstruct`] builds the surface that [`choose`] finds fit from all contacts at those poses, but
-//! for those that [`sift`] finds wild, and their images where [`mirrors`] finds the object its own, and [`output`] evaluates and writes what a reader wants: report,
-//! shape, trajectory and picture, [`replay`] makes a scene that plays, [`recorded`] one of a link's
-//! recording.
+//! for those that [`sift`] finds wild, and their images where [`mirrors`] finds the object its own, and [`output`]
+//! evaluates and writes what a reader wants: report, shape, trajectory and picture, [`replay`] makes a scene that
+//! plays, [`recorded`] one of a link's recording.
 
 pub mod blend;
 pub mod choose;

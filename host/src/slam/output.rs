@@ -274,8 +274,8 @@ impl Outcome {
 
     /// Writes `report.json`, `contour.csv` or `shape.ply`, `trajectory.tum`, `graph.g2o`,
     /// `replay.mcap`, `replay.html`, `summary.png` and `summary.svg` into `folder`, which is made if need
-    /// be. Everything is computed before the first file appears, and each file appears whole. `log` and `truth` are those it was
-    /// concluded from.
+    /// be. Everything is computed before the first file appears, and each file appears whole. `log` and `truth` are
+    /// those it was concluded from.
     ///
     /// # Errors
     /// Names the file that could not be written.

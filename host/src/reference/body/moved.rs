@@ -23,8 +23,8 @@ const HOLLOW: f64 = -0.1;
 impl Body {
     /// The same body with its planes and quadrics where the modes are `by` of their deviations from
     /// what was believed ([`Gpis::shifts`](crate::reference::Gpis::shifts); zero where there are too few
-    /// numbers); planes turn about the point `about`, metres. What is believed stays as it was: to first order the mean is what it had been. `None`
-    /// where a part cannot be there, and where there is none to move.
+    /// numbers); planes turn about the point `about`, metres. What is believed stays as it was: to first order the mean
+    /// is what it had been. `None` where a part cannot be there, and where there is none to move.
     pub fn moved(&self, by: &[f64], about: &Point) -> Option<Body> {
         let is_movable = |change: &Change| matches!(change.more, Part::Plane(_) | Part::Quadric(_));
         let moves = |mode: &Mode| mode.changes.iter().all(is_movable);

@@ -55,9 +55,9 @@ pub(super) struct Regular {
 
 impl Body {
     /// The regular prisms that fit best, polygons in the plane, of three to eight sides: of the two numbers of sides
-    /// that are most probable, first with parallel sides, then, in space, with sides that lean. Ends that nobody felt lie
-    /// beyond the contacts. None without contacts or normals, and where fewer than one and a half numbers were measured
-    /// per parameter.
+    /// that are most probable, first with parallel sides, then, in space, with sides that lean. Ends that nobody felt
+    /// lie beyond the contacts. None without contacts or normals, and where fewer than one and a half numbers were
+    /// measured per parameter.
     ///
     /// Each number of sides is as probable before any contact; contacts that may fall anywhere on the
     /// surface are the less likely the larger that is, and any turn is as likely up to that of one side.
