@@ -22,6 +22,7 @@ pub mod kernel;
 pub mod local;
 pub mod mean;
 pub mod mirror;
+pub mod notched;
 pub mod prior;
 pub mod spheres;
 pub mod tracker;

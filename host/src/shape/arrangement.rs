@@ -4,7 +4,7 @@
 //! of cells has a closed surface. A vertex is on one side of a plane or the other, never on it, and
 //! each edge is cut once for all cells along it: the combinatorics hold whatever rounding does.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 
 use crate::space::Point;
 
@@ -190,6 +190,14 @@ impl Arrangement {
                 Some(normal.cross(&(b - a)).try_normalize(1e-12)?.dot(&(point - a)))
             })
             .fold(f64::INFINITY, f64::min)
+    }
+
+    /// The mean of a cell's corners, which is inside it.
+    pub fn middle(&self, cell: usize) -> Point {
+        let rings = self.cells[cell].iter().flat_map(|facet| self.facets[*facet].ring.iter());
+        let corners: BTreeSet<usize> = rings.copied().collect();
+        corners.iter().map(|corner| self.vertices[*corner]).sum::<Point>()
+            / corners.len().max(1) as f64
     }
 
     /// The cell that holds `point`; `None` outside the box.

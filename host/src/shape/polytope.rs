@@ -94,6 +94,21 @@ pub fn intersection(faces: &Faces, contacts: &[Contact]) -> Option<Polytope> {
     built(faces, contacts, &[], |scene| scene.behind_all())
 }
 
+/// What of the cells between all `faces` has its middle inside a shape that is known to have these sides and no others.
+/// `contacts` are those that `faces` was fitted to, in the same order.
+///
+/// `None` as for [`assemble`].
+pub fn solid(
+    faces: &Faces,
+    contacts: &[Contact],
+    is_inside: impl Fn(&Point) -> bool,
+) -> Option<Polytope> {
+    built(faces, contacts, &[], |scene| {
+        let cells = 0..scene.arrangement.cells.len();
+        Some(cells.map(|cell| is_inside(&scene.arrangement.middle(cell))).collect())
+    })
+}
+
 /// The shape of the cells that are `inside`.
 fn built(
     faces: &Faces,

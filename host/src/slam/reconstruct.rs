@@ -7,9 +7,10 @@ use nalgebra::{Matrix3x6, Matrix6, Vector6};
 use crate::experts;
 use crate::log::GraspLog;
 use crate::reference::gpis::Error as SurfaceError;
+use crate::reference::notched::Found;
 use crate::reference::{Contact, Doubt, Faces, Mirror};
 use crate::shape::lattice::LatticeError;
-use crate::shape::polytope::{Polytope, intersection};
+use crate::shape::polytope::{Polytope, intersection, solid};
 use crate::shape::{Field, Geometry, contour, surface};
 use crate::slam::choose::{self, Choice, Model, Refusal, only};
 use crate::slam::fit::{self, Fitted, fit_experts, open_beside};
@@ -243,6 +244,12 @@ fn shape_of(
     choice: Choice,
     progress: Progress<'_>,
 ) -> Result<Shape, Error> {
+    if choice == Choice::Auto
+        && poses == Poses::Known
+        && let Some(polytope) = notched(dimension, contacts, free)
+    {
+        return Ok(Shape::flat(polytope, vec![]).doubted(open_beside(dimension, contacts, free)));
+    }
     if let Some(polytope) = faced(dimension, contacts, free, known, choice)? {
         let shape = if choice == Choice::Auto
             && !polytope.is_convex()
@@ -275,6 +282,12 @@ fn shape_of(
         shape = mirrored_surface(shape, felt, dimension, free, choice)?;
     }
     Ok(shape.doubted(doubt()))
+}
+
+/// A box less smaller boxes, where one suits contacts that are too few for faces.
+fn notched(dimension: usize, contacts: &[Contact], free: &[Free]) -> Option<Polytope> {
+    let found = Found::of(dimension, contacts, &outside(free))?;
+    solid(&found.faces, contacts, |point| found.solid.contains(point))
 }
 
 /// Faces that show a hollow, or those of the contacts and their images, if these suit and are no more: of two that are

@@ -1,0 +1,235 @@
+use super::*;
+use crate::shape::Geometry;
+use crate::shape::polytope;
+use proptest::prelude::*;
+
+const OPEN: Span = [f64::NEG_INFINITY, f64::INFINITY];
+
+/// A box of 100 × 80 (× 60) mm from the origin, less these.
+fn solid(dimension: usize, notches: &[[Span; 3]]) -> Notched {
+    Notched {
+        dimension,
+        frame: Rotation3::identity(),
+        middle: Point::zeros(),
+        outer: [[0.0, 0.1], [0.0, 0.08], [0.0, 0.06]],
+        notches: notches.iter().map(|spans| Notch { spans: *spans }).collect(),
+    }
+}
+
+fn above(at: f64) -> Span {
+    [at, f64::INFINITY]
+}
+
+fn below_of(at: f64) -> Span {
+    [f64::NEG_INFINITY, at]
+}
+
+/// Contacts on the sides of what has these corners in millimetres, counter-clockwise, at these shares of each, in
+/// turn a little inside and outside, turned.
+fn felt(corners: &[[f64; 2]], shares: &[&[f64]], turn: f64) -> Vec<Contact> {
+    let place = Rotation3::from_axis_angle(&Point::z_axis(), turn);
+    let corner = |i: usize| {
+        Point::new(corners[i % corners.len()][0], corners[i % corners.len()][1], 0.0) * 1e-3
+    };
+    let mut contacts: Vec<Contact> = Vec::new();
+    for (i, shares) in shares.iter().enumerate() {
+        let (from, side) = (corner(i), corner(i + 1) - corner(i));
+        let normal = Point::new(side.y, -side.x, 0.0).normalize();
+        for share in *shares {
+            let off = 5e-4 * (7.0 * contacts.len() as f64).sin();
+            let lean = Rotation3::from_axis_angle(
+                &Point::z_axis(),
+                0.08 * (5.0 * contacts.len() as f64).sin(),
+            );
+            contacts.push(Contact {
+                point: place * (from + side * *share + normal * off),
+                normal: Some(place * lean * normal),
+                point_deviation: 1e-3,
+                normal_deviation: 0.0873,
+            });
+        }
+    }
+    contacts
+}
+
+const ELL: [[f64; 2]; 6] =
+    [[0.0, 0.0], [90.0, 0.0], [90.0, 35.0], [35.0, 35.0], [35.0, 90.0], [0.0, 90.0]];
+
+#[test]
+fn surfaces_are_as_large_as_they_are() {
+    let area =
+        |solid: &Notched| solid.facets().map(|all| all.iter().map(|f| solid.area(f)).sum::<f64>());
+    let corner = [above(0.06), above(0.05), OPEN];
+    let pocket = [[0.03, 0.06], above(0.05), OPEN];
+    for (solid, expected) in [
+        (solid(2, &[]), 0.36),
+        (solid(2, &[corner]), 0.36),
+        (solid(2, &[pocket]), 0.42),
+        (solid(2, &[corner, [below_of(0.02), below_of(0.03), OPEN]]), 0.36),
+        (solid(3, &[]), 2.0 * (0.008 + 0.006 + 0.0048)),
+        (solid(3, &[corner]), 2.0 * (0.008 - 0.0012) + 0.36 * 0.06),
+        (solid(3, &[[above(0.06), above(0.05), above(0.04)]]), 2.0 * (0.008 + 0.006 + 0.0048)),
+    ] {
+        let area = area(&solid).unwrap();
+        assert!((area - expected).abs() < 1e-12, "{solid:?} {area} {expected}");
+    }
+}
+
+#[test]
+fn what_is_none_has_no_surface() {
+    for notches in [
+        // In pieces, or all along one side.
+        vec![[[0.03, 0.06], OPEN, OPEN]],
+        vec![[below_of(0.05), below_of(0.05), OPEN], [above(0.05), above(0.04), OPEN]],
+        vec![[above(0.06), OPEN, OPEN]],
+        // Outside, too thin, and in another.
+        vec![[above(0.11), above(0.05), OPEN]],
+        vec![[above(0.0999), above(0.05), OPEN]],
+        vec![[[0.05, 0.051], above(0.05), OPEN]],
+        vec![[[0.06, 0.03], above(0.05), OPEN]],
+        vec![[above(0.05), above(0.04), OPEN], [above(0.06), above(0.05), OPEN]],
+        vec![[above(f64::NAN), above(0.05), OPEN]],
+    ] {
+        assert!(solid(2, &notches).facets().is_none(), "{notches:?}");
+    }
+    assert!(solid(2, &[]).moved(Side { notch: None, axis: 0, end: 1 }, -0.1).facets().is_none());
+}
+
+proptest! {
+    /// Just inside of every facet is inside, just outside is not, whatever is cut out of what.
+    #[test]
+    fn facets_are_where_inside_ends(
+        cuts in proptest::collection::vec((0.01..0.09f64, 0.01..0.07f64, 0.01..0.05f64, 0..8usize, 0..4usize), 0..4),
+        turn in -3.0..3.0f64,
+    ) {
+        let notch = |&(x, y, z, corner, through): &(f64, f64, f64, usize, usize)| {
+            let mut spans = [OPEN; 3];
+            for (axis, at) in [x, y, z].into_iter().enumerate().filter(|(axis, _)| *axis != through) {
+                spans[axis] = if corner >> axis & 1 == 0 { below_of(at) } else { above(at) };
+            }
+            spans
+        };
+        let notches: Vec<[Span; 3]> = cuts.iter().map(notch).collect();
+        let frame = Rotation3::from_euler_angles(turn, 0.5 * turn, 0.3);
+        let solid = Notched { frame, middle: Point::new(0.3, 0.1, 0.2), ..solid(3, &notches) };
+        for facet in solid.facets().into_iter().flatten() {
+            let mut middle = Point::from_fn(|axis, _| 0.5 * (facet.spans[axis][0] + facet.spans[axis][1]));
+            for (off, inside) in [(-1e-9, true), (1e-9, false)] {
+                middle[facet.side.axis] = facet.at + facet.side.sign() * off;
+                let point = solid.frame.inverse() * middle + solid.middle;
+                prop_assert_eq!(solid.contains(&point), inside, "{:?}", facet);
+            }
+        }
+    }
+}
+
+#[test]
+fn an_l_is_found_from_eight_contacts() {
+    // Nobody felt where an arm ends: the faces do not close there.
+    let shares: [&[f64]; 6] = [&[0.2, 0.9], &[], &[0.3, 0.8], &[0.5], &[0.5], &[0.3, 0.6]];
+    let contacts = felt(&ELL, &shares, 0.4);
+    let found = Found::of(2, &contacts, &[]).unwrap();
+    let place = Rotation3::from_axis_angle(&Point::z_axis(), 0.4);
+    for ([x, y], inside) in [
+        ([0.03, 0.08], true),
+        ([0.08, 0.03], true),
+        ([0.04, 0.04], false),
+        ([0.02, 0.02], true),
+        ([0.06, 0.06], false),
+        ([0.04, 0.085], false),
+    ] {
+        assert_eq!(found.solid.contains(&(place * Point::new(x, y, 0.0))), inside, "{x} {y}");
+    }
+    let shape = polytope::solid(&found.faces, &contacts, |p| found.solid.contains(p)).unwrap();
+    let Geometry::Outline(outline) = &shape.geometry else { panic!() };
+    assert_eq!((outline.loops.len(), outline.loops[0].len()), (1, 6));
+    // The end lies beyond the last contact, in doubt; the others are known.
+    let end = (0..6).find(|i| found.faces.faces[*i].contacts == 0).unwrap();
+    let face = &found.faces.faces[end];
+    assert!(
+        (0.081..0.115).contains(&face.offset)
+            && (3e-3..0.03).contains(&face.offset_variance.sqrt()),
+        "{face:?}"
+    );
+    for (i, other) in found.faces.faces.iter().enumerate().filter(|(i, _)| *i != end) {
+        assert!(other.offset_variance.sqrt() < 1.2e-3, "{i} {other:?}");
+    }
+    let corners = outline.loops[0].iter().map(|c| Point::new(c[0], c[1], 0.0));
+    let near = |corner: &[f64; 2]| {
+        let corner = place * Point::new(corner[0], corner[1], 0.0) * 1e-3;
+        corners.clone().map(|c| (c - corner).norm()).fold(f64::INFINITY, f64::min)
+    };
+    for corner in [ELL[0], ELL[3], ELL[4], ELL[5]] {
+        assert!(near(&corner) < 2e-3, "{corner:?} {}", near(&corner));
+    }
+}
+
+#[test]
+fn an_end_that_nobody_felt_is_as_far_as_so_many_contacts_leave_it() {
+    // A rectangle 60 wide, felt at three sides up to 70 mm: each millimetre more is two of outline, among which n
+    // contacts fell short of it with probability (outline/(outline + 2))ⁿ.
+    let corners = [[0.0, 0.0], [100.0, 0.0], [100.0, 60.0], [0.0, 60.0]];
+    let contacts = felt(&corners, &[&[0.1, 0.3, 0.7], &[], &[0.35, 0.5, 0.8], &[0.3, 0.8]], 0.0);
+    let start = found::begun(2, &contacts).unwrap();
+    let samples = chain::Chains::of(&contacts, &[], &start).samples(&start);
+    let axis = (start.frame * Point::x()).iamax();
+    let end = usize::from((start.frame * Point::x())[axis] > 0.0);
+    let boxes: Vec<&Notched> = samples.iter().filter(|s| s.notches.is_empty()).collect();
+    assert!(2 * boxes.len() > samples.len(), "{}", boxes.len());
+    let beyond = |s: &&Notched| {
+        let last = contacts.iter().map(|c| (s.frame * (c.point - s.middle))[axis]);
+        let last = last.map(|at| if end == 1 { at } else { -at }).fold(f64::NEG_INFINITY, f64::max);
+        (if end == 1 { s.outer[axis][1] } else { -s.outer[axis][0] }) - last
+    };
+    let mean = boxes.iter().map(beyond).sum::<f64>() / boxes.len() as f64;
+    let rate = 8.0 * 2.0 / (2.0 * (0.07 + 0.06 + mean));
+    assert!((0.6..1.4).contains(&(mean * rate)), "{mean} {rate}");
+}
+
+#[test]
+fn nothing_is_in_a_free_point() {
+    let shares: [&[f64]; 6] = [&[0.2, 0.7], &[], &[0.3, 0.8], &[0.5], &[0.5], &[0.3, 0.6]];
+    let contacts = felt(&ELL, &shares, 0.0);
+    let free = Point::new(0.079, 0.02, 0.0);
+    assert!(Found::of(2, &contacts, &[]).unwrap().solid.contains(&free));
+    assert!(!Found::of(2, &contacts, &[free]).unwrap().solid.contains(&free));
+}
+
+#[test]
+fn what_is_convex_or_leans_is_none() {
+    let rectangle = [[0.0, 0.0], [120.0, 0.0], [120.0, 60.0], [0.0, 60.0]];
+    assert!(Found::of(2, &felt(&rectangle, &[&[0.2, 0.6][..]; 4], 0.2), &[]).is_none());
+    let turn = |i: usize, of: f64| (i as f64 * std::f64::consts::TAU / of).sin_cos();
+    let ngon = |n: usize| {
+        (0..n).map(|i| [45.0 * turn(i, n as f64).1, 45.0 * turn(i, n as f64).0]).collect::<Vec<_>>()
+    };
+    for n in [3, 5, 6, 20] {
+        assert!(
+            Found::of(2, &felt(&ngon(n), &vec![&[0.3, 0.7][..]; n], 0.1), &[]).is_none(),
+            "{n}"
+        );
+    }
+}
+
+#[test]
+fn unusable_contacts_find_nothing() {
+    let shares: [&[f64]; 6] = [&[0.2, 0.9], &[0.5], &[0.3, 0.8], &[0.5], &[0.5], &[0.3, 0.6]];
+    let contacts = felt(&ELL, &shares, 0.0);
+    for change in [
+        |c: &Contact| Contact { normal: None, ..*c },
+        |c: &Contact| Contact { point: Point::repeat(f64::NAN), ..*c },
+        |c: &Contact| Contact { normal: Some(Point::zeros()), ..*c },
+        |c: &Contact| Contact { point_deviation: 0.0, ..*c },
+        |c: &Contact| Contact { normal_deviation: f64::INFINITY, ..*c },
+    ] {
+        let mut contacts = contacts.clone();
+        contacts[3] = change(&contacts[3]);
+        assert!(Found::of(2, &contacts, &[]).is_none());
+    }
+    for few in 0..3 {
+        assert!(Found::of(2, &contacts[..few], &[]).is_none());
+        assert!(Found::of(3, &contacts[..few], &[]).is_none());
+    }
+    assert!(Found::of(2, &vec![contacts[0]; 8], &[]).is_none());
+    assert!(Found::of(3, &vec![contacts[0]; 8], &[]).is_none());
+}
