@@ -24,7 +24,7 @@ const MOST: usize = 4;
 /// Least part of the outer box that an inner one leaves along an axis, and takes.
 const LEAST: f64 = 0.06;
 
-/// Log probability of a contact, relative to one where and as the surface has it, below which it is taken for wild.
+/// How probable a contact is at least, relative to one where and as the surface has it: it may be wild.
 const WILD: f64 = 1e-7;
 
 /// Least cosine between a normal and the side that it may be of.
@@ -68,7 +68,7 @@ struct Felt {
     deviations: (f64, f64),
 }
 
-/// A box less smaller boxes.
+/// A box less smaller boxes, in the object frame.
 #[derive(Clone, Debug)]
 pub struct Notched {
     dimension: usize,
@@ -177,7 +177,7 @@ impl Notched {
         contacts.iter().filter_map(felt).collect()
     }
 
-    /// Whether a point is inside, in the object's axes.
+    /// Whether a point (object frame, metres) is inside; one that is no number is not.
     pub fn contains(&self, point: &Point) -> bool {
         let p = self.frame * (point - self.middle);
         let within = |spans: &[Span; 3]| {
@@ -303,7 +303,8 @@ impl Notched {
     }
 }
 
-/// The normal distribution's share below so many deviations, within 0.01 (Bowling et al., JIEM 2, 2009).
+/// The normal distribution's share below so many deviations, within 0.01 (Camilli, Journal of Educational and Behavioral
+/// Statistics 19, 1994).
 fn below(deviations: f64) -> f64 {
     1.0 / (1.0 + (-1.702 * deviations).exp())
 }

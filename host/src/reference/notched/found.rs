@@ -36,10 +36,16 @@ pub struct Found {
 }
 
 impl Found {
+    /// What contacts (object frame, dimension 2 or 3) make most probable; the same contacts make the same. Takes a
+    /// second or so.
+    ///
     /// `None` where contacts contradict nothing convex, where every side was touched so often that faces are known by
     /// themselves, where normals are not square to each other, where a contact cannot be used, and where no box less
     /// smaller ones suits the contacts. Points `free` are probably outside.
     pub fn of(dimension: usize, contacts: &[Contact], free: &[Point]) -> Option<Found> {
+        if !(2..=3).contains(&dimension) {
+            return None;
+        }
         let faces = Faces::fit(dimension, contacts)?;
         if faces.is_convex() || contacts.len() >= EACH * faces.faces.len() {
             return None;

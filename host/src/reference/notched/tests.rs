@@ -226,6 +226,9 @@ fn unusable_contacts_find_nothing() {
         contacts[3] = change(&contacts[3]);
         assert!(Found::of(2, &contacts, &[]).is_none());
     }
+    for dimension in [0, 1, 4] {
+        assert!(Found::of(dimension, &contacts, &[]).is_none());
+    }
     for few in 0..3 {
         assert!(Found::of(2, &contacts[..few], &[]).is_none());
         assert!(Found::of(3, &contacts[..few], &[]).is_none());
