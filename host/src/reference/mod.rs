@@ -22,6 +22,7 @@ pub mod kernel;
 pub mod local;
 pub mod mean;
 pub mod mirror;
+pub mod misfit;
 pub mod notched;
 pub mod prior;
 pub mod spheres;

@@ -3,7 +3,7 @@
 
 use crate::reference::body::Body;
 use crate::reference::faces::{Face, Faces, Owner};
-use crate::reference::{Contact, Kernel};
+use crate::reference::{Contact, Kernel, misfit};
 use crate::shape::Geometry;
 use crate::shape::polytope::{COUNTERPART, OPPOSITE, Polytope, assemble, closures};
 use crate::space::Point;
@@ -113,11 +113,6 @@ pub enum Refusal {
         distance: f64,
     },
 }
-
-/// χ²/dof above which faces do not fit, and as many deviations above 1 where there are so few
-/// contacts that this is more: about 1 on polytopes, about 2 on curves.
-const MISFIT: f64 = 1.4;
-const MISFIT_DEVIATIONS: f64 = 2.0;
 
 /// Deviations of bending that flat faces do not show: once in a hundred.
 const BENT: f64 = 2.3;
@@ -345,8 +340,7 @@ fn examine(
         return Err(Refusal::Curved { deviations: faces.bending });
     }
     let per_degree = faces.chi_squared / faces.degrees.max(1.0);
-    let scatter = (2.0 / faces.degrees.max(1.0)).sqrt();
-    if per_degree > MISFIT.max(1.0 + MISFIT_DEVIATIONS * scatter) {
+    if !misfit::is_likely(per_degree, faces.degrees) {
         return Err(Refusal::Misfit { per_degree });
     }
     let polytope = close(&faces, contacts, free)?;
@@ -384,7 +378,7 @@ fn are_exact(contacts: &[Contact]) -> bool {
 /// Whether faces with so much χ² per degree of freedom fit contacts.
 pub fn fit(per_degree: f64, contacts: &[Contact]) -> bool {
     let slack = if are_exact(contacts) { SLACK } else { 1.0 };
-    per_degree <= MISFIT * slack * slack
+    per_degree <= misfit::MOST * slack * slack
 }
 
 /// Median standard deviation of the contacts' normals, radians; infinite without any.

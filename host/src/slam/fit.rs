@@ -8,7 +8,7 @@ use crate::experts::{self, Experts};
 use crate::reference::body::{Body, Part};
 use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::hyper::{Belief, Found, Search};
-use crate::reference::{Contact, Doubt, Faces, Gpis, Kernel, Prior, Training};
+use crate::reference::{Contact, Doubt, Faces, Gpis, Kernel, Prior, Training, misfit};
 use crate::slam::blend::Blend;
 use crate::slam::choose::{DOUBT, doubt, fitted};
 use crate::slam::free::{Free, open};
@@ -19,11 +19,6 @@ use crate::space::Point;
 /// uses all.
 const DECIDING: usize = 150;
 const JUDGING: usize = 60;
-
-/// χ² per degree of freedom up to which a body explains the contacts by itself, and how many of its
-/// own deviations above 1 where there are so few contacts that this is more.
-const MISFIT: f64 = 1.4;
-const MISFIT_DEVIATIONS: f64 = 2.0;
 
 /// Nats per contact by which a body that does not explain the contacts by itself must still beat the
 /// ball. The likelihood takes what a body leaves for a stationary process; the edges and ends that
@@ -219,8 +214,7 @@ fn ends(body: &Body) -> usize {
 
 /// Whether the body leaves no more of the contacts than a body of the right kind rarely exceeds.
 pub(super) fn explains(body: &Body) -> bool {
-    let scatter = (2.0 / body.degrees().max(1.0)).sqrt();
-    body.misfit() < MISFIT.max(1.0 + MISFIT_DEVIATIONS * scatter)
+    misfit::is_likely(body.misfit(), body.degrees())
 }
 
 /// Of the ball that fits, metres.

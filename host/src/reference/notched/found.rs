@@ -5,12 +5,8 @@ use nalgebra::{Matrix3, Rotation3};
 use super::chain::Chains;
 use super::{Notch, Notched, Side, Span};
 use crate::reference::faces::{Face, Owner};
-use crate::reference::{Contact, Faces};
+use crate::reference::{Contact, Faces, misfit};
 use crate::space::Point;
-
-/// χ² per degree of freedom up to which contacts suit it, and as many deviations above 1 where that is more.
-const MISFIT: f64 = 1.4;
-const DEVIATIONS: f64 = 2.0;
 
 /// Most contacts that it does not explain, as a share, and how improbable they are there.
 const UNEXPLAINED: f64 = 0.06;
@@ -27,6 +23,36 @@ const EACH: usize = 4;
 const LOOKED: [usize; 2] = [48, 16];
 
 /// A box less smaller boxes with what is known of its sides.
+///
+/// ```
+/// use nalgebra::Vector3;
+/// use tactile_host::reference::{Contact, notched::Found};
+///
+/// // An L of 90 × 90 mm with arms 35 wide, whose upper end nobody touched.
+/// let at = |x, y, out: [f64; 2]| Contact {
+///     point: Vector3::new(x, y, 0.0),
+///     normal: Some(Vector3::new(out[0], out[1], 0.0)),
+///     point_deviation: 1e-3,
+///     normal_deviation: 0.09,
+/// };
+/// let contacts = [
+///     at(0.02, 0.0, [0.0, -1.0]),
+///     at(0.07, 0.0, [0.0, -1.0]),
+///     at(0.09, 0.02, [1.0, 0.0]),
+///     at(0.05, 0.035, [0.0, 1.0]),
+///     at(0.08, 0.035, [0.0, 1.0]),
+///     at(0.035, 0.05, [1.0, 0.0]),
+///     at(0.035, 0.08, [1.0, 0.0]),
+///     at(0.0, 0.03, [-1.0, 0.0]),
+///     at(0.0, 0.07, [-1.0, 0.0]),
+/// ];
+/// let found = Found::of(2, &contacts, &[]).ok_or("no box less smaller ones")?;
+/// assert!(found.solid.contains(&Vector3::new(0.02, 0.07, 0.0)));
+/// assert!(!found.solid.contains(&Vector3::new(0.06, 0.06, 0.0)));
+/// let unfelt = found.faces.faces.iter().find(|face| face.contacts == 0).ok_or("all felt")?;
+/// assert!(unfelt.normal.y > 0.99 && unfelt.offset_variance.sqrt() > 2e-3);
+/// # Ok::<(), &str>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Found {
     /// Which points are inside.
@@ -61,14 +87,14 @@ impl Found {
             other.sides() == usual.sides() && other.owners(contacts).as_ref() == Some(&owners)
         };
         let middle = Middle::of(usual, &samples.iter().filter(is_alike).collect::<Vec<_>>());
-        middle.solid.cells()?;
+        middle.solid.facets()?;
         let faces = middle.faces(contacts, &owners);
         let unowned = owners.iter().filter(|owner| owner.is_none()).count();
         // Faces have a direction each, and here all have one together.
         let shared = (dimension - 1) * faces.faces.len();
         let degrees = faces.degrees + (shared - directions(dimension)) as f64;
         let suits = unowned as f64 <= UNEXPLAINED * contacts.len() as f64
-            && is_likely(faces.chi_squared, degrees);
+            && misfit::is_likely(faces.chi_squared / degrees.max(1.0), degrees);
         suits.then_some(Found { solid: middle.solid, faces })
     }
 }
@@ -76,12 +102,6 @@ impl Found {
 /// How many numbers turn a box.
 fn directions(dimension: usize) -> usize {
     if dimension == 2 { 1 } else { 3 }
-}
-
-/// Whether noise makes so much χ².
-fn is_likely(chi_squared: f64, degrees: f64) -> bool {
-    let degrees = degrees.max(1.0);
-    chi_squared <= MISFIT.max(1.0 + DEVIATIONS * (2.0 / degrees).sqrt()) * degrees
 }
 
 /// The box about the contacts along the axes that their normals lie on, if they do.
@@ -103,7 +123,7 @@ pub(super) fn begun(dimension: usize, contacts: &[Contact]) -> Option<Notched> {
     let (cost, frame) =
         frames.map(|frame| aligned(dimension, frame, &felt)).min_by(|a, b| a.0.total_cmp(&b.0))?;
     let degrees = ((dimension - 1) * felt.len()) as f64 - directions(dimension) as f64;
-    if !is_likely(cost, degrees) {
+    if !misfit::is_likely(cost / degrees.max(1.0), degrees) {
         return None;
     }
     let middle = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len() as f64;
