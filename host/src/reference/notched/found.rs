@@ -62,8 +62,9 @@ pub struct Found {
 }
 
 impl Found {
-    /// What contacts (object frame, dimension 2 or 3) make most probable; the same contacts make the same. Takes a
-    /// second or so.
+    /// What contacts (object frame, dimension 2 or 3) make most probable, of boxes less smaller ones that are their own
+    /// mirror image and of others; the same contacts make the same. Takes a
+    /// few seconds.
     ///
     /// `None` where contacts contradict nothing convex, where every side was touched so often that faces are known by
     /// themselves, where normals are not square to each other, where a contact cannot be used, and where no box less
