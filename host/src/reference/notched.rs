@@ -22,7 +22,7 @@ pub use found::Found;
 /// Two places along an axis, the lower first, metres; infinite where something has no end.
 type Span = [f64; 2];
 
-/// Most boxes that are cut out.
+/// Most boxes that are cut out, their mirror images not counted.
 const MOST: usize = 4;
 
 /// Least part of the outer box that an inner one leaves along an axis, and takes.

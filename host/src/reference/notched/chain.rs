@@ -27,7 +27,8 @@ const FREE: f64 = 4.0;
 /// Deviation of the outer box's lengths before any contact, as a logarithm, from the diameter of the contacts.
 const SIZES: f64 = 0.6;
 
-/// Odds before any contact that there is a mirror in the middle of an axis. Even ones know a T better, and an F as an E.
+/// Odds before any contact that there is a mirror in the middle of an axis. With even ones a T is known better, and an F
+/// taken for an E.
 pub(super) const MIRRORED: f64 = 0.2;
 
 /// What every chain knows.
