@@ -57,6 +57,12 @@ pub const OPPOSITE: f64 = 0.94;
 /// across it.
 const FAR_SIDE: f64 = 0.05;
 
+/// Deviations from its own face, where that is part of the surface, at which a contact is unexplained.
+pub const FAR: f64 = 4.0;
+
+/// Cosine of the angle to its face's normal up to which a contact may lie on it.
+const FACING: f64 = 0.5;
+
 /// How uncertain a closing plane is, as a share of the contacts' extent across it.
 const CLOSED: f64 = 0.2;
 
@@ -395,6 +401,19 @@ impl Polytope {
     fn variance(&self, j: usize, point: &Point) -> f64 {
         let gap = self.touched.iter().map(|t| (t - point).norm()).fold(f64::INFINITY, f64::min);
         self.planes[j].variance(point) + (UNSURE * gap).powi(2)
+    }
+
+    /// How far a contact is from the sides that face about as was felt, in deviations of both; infinite without any.
+    pub fn off(&self, contact: &Contact) -> f64 {
+        let is_felt = |plane: &usize| {
+            contact.normal.is_none_or(|normal| self.planes[*plane].normal.dot(&normal) > FACING)
+        };
+        let off = |plane: usize| {
+            let variance = contact.point_deviation.powi(2) + self.variance(plane, &contact.point);
+            Some(self.nearest(&contact.point, Some(plane))?.2 / variance.sqrt())
+        };
+        let all = (0..self.planes.len()).filter(is_felt).filter_map(off);
+        all.fold(f64::INFINITY, f64::min)
     }
 
     /// The point of the surface nearest to `point`, its plane and the distance, metres; of the plane

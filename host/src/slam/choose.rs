@@ -1,11 +1,16 @@
 //! Which surface model suits the contacts: fitted faces where every sign says that the object has flat
 //! ones, the Gaussian process otherwise.
 
+mod wild;
+
+pub(super) use wild::often;
+pub use wild::trusted;
+
 use crate::reference::body::Body;
 use crate::reference::faces::{Face, Faces, Owner};
 use crate::reference::{Contact, Kernel, misfit};
 use crate::shape::Geometry;
-use crate::shape::polytope::{COUNTERPART, OPPOSITE, Polytope, assemble, closures};
+use crate::shape::polytope::{COUNTERPART, FAR, OPPOSITE, Polytope, assemble, closures};
 use crate::space::Point;
 
 /// What the user wants.
@@ -156,19 +161,6 @@ const MOST_CLOSINGS: usize = 8;
 /// Most contacts that the shape may leave unexplained, as a share.
 const UNEXPLAINED: f64 = 0.06;
 
-/// Most contacts that may be wild, as a share: more of them are on sides that the faces do not have.
-const WILD: f64 = 0.2;
-
-/// Rounds of leaving out contacts that lie where the others' faces are no surface.
-const SIFTED: usize = 3;
-
-/// Contacts of each side from which on hardly any side is touched only once: with as many on average, one
-/// in 400.
-const OFTEN: f64 = 8.0;
-
-/// Deviations from its own face, where that is part of the surface, at which a contact is unexplained.
-const FAR: f64 = 4.0;
-
 /// Normals less certain than this (radians, median) fit any polytope: where the poses are in doubt,
 /// χ² has nothing to say.
 pub(super) const DOUBT: f64 = 0.2;
@@ -199,55 +191,6 @@ pub fn known(faces: &Faces, contacts: &[Contact], free: &[Point]) -> Option<Poly
     let felt = contacts.iter().filter(|c| c.normal.is_some()).count();
     let lost = unexplained(faces, &polytope, contacts);
     (lost as f64 <= UNEXPLAINED * felt as f64).then_some(polytope)
-}
-
-/// Which contacts to make a shape of where a graph knows the `faces`, each contact's owner among them: all, or
-/// without those that lie on none, or where they are no surface. A few of these are wild, of something else or
-/// of a sensor that failed, where the others make an object without them and either sides are touched so
-/// often that they are no sides touched once, or all contacts together make no object. Of sides touched often those
-/// go, too, that two wild contacts made between them: where such a side is no surface.
-pub fn trusted(faces: &Faces, contacts: &[Contact], free: &[Point]) -> Vec<bool> {
-    let all = vec![true; contacts.len()];
-    let known = contacts.iter().zip(&faces.owners);
-    let mut trusted: Vec<bool> = known.map(|(c, o)| c.normal.is_none() || o.is_some()).collect();
-    // Those that make an object without the wild ones, the last that were found.
-    let mut believed = None;
-    for _ in 0..SIFTED {
-        let wild = trusted.iter().filter(|trusted| !**trusted).count();
-        if wild as f64 > WILD * contacts.len() as f64 {
-            break;
-        }
-        let others = only(contacts, &trusted);
-        let is_often = often(&others, faces.faces.len());
-        let (found, polytope) = match judge(faces.dimension, &others, free) {
-            Ok(_) if !is_often && believed.is_none() => {
-                return if judge(faces.dimension, contacts, free).is_err() { trusted } else { all };
-            }
-            Ok(_) if !is_often => break,
-            Ok(object) => {
-                believed = Some(trusted.clone());
-                object
-            }
-            Err(Refusal::Unexplained { .. }) if believed.is_none() => {
-                let Ok(object) = polytope(faces.dimension, &others, free) else { break };
-                object
-            }
-            Err(_) => break,
-        };
-        let mut lost = lost(&found, &polytope, &others).into_iter();
-        for trusted in trusted.iter_mut().filter(|trusted| **trusted) {
-            *trusted = !lost.next().unwrap_or_default();
-        }
-        if believed.as_ref() == Some(&trusted) {
-            break;
-        }
-    }
-    believed.unwrap_or(all)
-}
-
-/// Whether so many sides are touched so often that hardly any is touched only once.
-pub(super) fn often(contacts: &[Contact], sides: usize) -> bool {
-    contacts.len() as f64 >= OFTEN * sides as f64
 }
 
 /// Those that are marked.

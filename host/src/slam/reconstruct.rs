@@ -10,7 +10,7 @@ use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::notched::Found;
 use crate::reference::{Contact, Doubt, Faces, Mirror};
 use crate::shape::lattice::LatticeError;
-use crate::shape::polytope::{Polytope, intersection, solid};
+use crate::shape::polytope::{FAR, Polytope, intersection, solid};
 use crate::shape::{Field, Geometry, contour, surface};
 use crate::slam::choose::{self, Choice, Model, Refusal, only};
 use crate::slam::fit::{self, Fitted, fit_experts, open_beside};
@@ -111,6 +111,9 @@ const SPATIAL_CELLS: f64 = 40.0;
 /// Contacts that decide about faces at most, and that they are fitted to: the effort grows with the
 /// number of faces found, and each plane is known to a tenth of the noise by then.
 const FACED: usize = 1_000;
+
+/// Contacts that a box less smaller boxes is made from at most: it takes as long as there are many.
+const NOTCHED: usize = 80;
 
 /// Contacts that say at most which part of a zero set was touched.
 const VOTING: usize = 2_000;
@@ -244,11 +247,14 @@ fn shape_of(
     choice: Choice,
     progress: Progress<'_>,
 ) -> Result<Shape, Error> {
-    if choice == Choice::Auto
-        && poses == Poses::Known
-        && let Some(polytope) = notched(dimension, contacts, free)
-    {
-        return Ok(Shape::flat(polytope, vec![]).doubted(open_beside(dimension, contacts, free)));
+    let boxes = || {
+        let polytope = notched(dimension, contacts, free)?;
+        Some(Shape::flat(polytope, vec![]).doubted(open_beside(dimension, contacts, free)))
+    };
+    let may_be_boxes = choice == Choice::Auto && poses == Poses::Known;
+    let are_few = may_be_boxes && Found::says_more(dimension, contacts);
+    if are_few && let Some(shape) = boxes() {
+        return Ok(shape);
     }
     if let Some(polytope) = faced(dimension, contacts, free, known, choice)? {
         let shape = if choice == Choice::Auto
@@ -260,6 +266,13 @@ fn shape_of(
             Shape::flat(polytope, vec![])
         };
         return Ok(shape.doubted(open_beside(dimension, contacts, free)));
+    }
+    // Many contacts do not show sides that nobody felt.
+    if may_be_boxes
+        && !are_few
+        && let Some(shape) = boxes()
+    {
+        return Ok(shape);
     }
     if !is_dense(dimension, contacts) {
         let (kernel, experts) = fit_experts(dimension, contacts)?;
@@ -284,14 +297,16 @@ fn shape_of(
     Ok(shape.doubted(doubt()))
 }
 
-/// A box less smaller boxes, where one suits contacts that are too few for faces.
+/// A box less smaller boxes, where one suits the contacts.
 fn notched(dimension: usize, contacts: &[Contact], free: &[Free]) -> Option<Polytope> {
-    let found = Found::of(dimension, contacts, &outside(free))?;
-    solid(&found.faces, contacts, |point| found.solid.contains(point))
+    let contacts = evenly(contacts, NOTCHED);
+    let found = Found::of(dimension, &contacts, &outside(free))?;
+    solid(&found.faces, &contacts, |point| found.solid.contains(point))
 }
 
 /// Faces that show a hollow, or those of the contacts and their images, if these suit and are no more: of two that are
-/// each other's image both are as well known as one was.
+/// each other's image both are as well known as one was. What was felt they must explain as well: an L whose arms
+/// are nearly as long is no image of itself.
 fn mirrored_faces(
     own: Polytope,
     felt: Mirrored,
@@ -299,8 +314,12 @@ fn mirrored_faces(
     free: &[Free],
 ) -> Result<Shape, Error> {
     let mirrored = faced(dimension, &felt.contacts, free, &|| None, Choice::Auto)?;
+    let contacts = &felt.contacts[..felt.contacts.len() >> felt.mirrors.len()];
+    let is_worse = |faces: &Polytope, c: &Contact| faces.off(c) > own.off(c) + FAR;
     let suits = |faces: &Polytope| {
-        faces.touched_planes() <= own.touched_planes() && felt.suits(&faces.geometry, &own.geometry)
+        faces.touched_planes() <= own.touched_planes()
+            && felt.suits(&faces.geometry, &own.geometry)
+            && !contacts.iter().any(|c| is_worse(faces, c))
     };
     Ok(match mirrored.filter(suits) {
         Some(mirrored) => Shape::flat(mirrored, felt.mirrors),

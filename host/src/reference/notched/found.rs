@@ -62,19 +62,24 @@ pub struct Found {
 }
 
 impl Found {
+    /// Whether so few contacts (dimension 2 or 3) were felt on each side that this says more than faces do.
+    pub fn says_more(dimension: usize, contacts: &[Contact]) -> bool {
+        let faces = Faces::fit(dimension, contacts);
+        faces.is_some_and(|faces| contacts.len() < EACH * faces.faces.len())
+    }
+
     /// What contacts (object frame, dimension 2 or 3) make most probable, of boxes less smaller ones that are their own
     /// mirror image and of others; the same contacts make the same. Takes a
     /// few seconds.
     ///
-    /// `None` where contacts contradict nothing convex, where every side was touched so often that faces are known by
-    /// themselves, where normals are not square to each other, where a contact cannot be used, and where no box less
-    /// smaller ones suits the contacts. Points `free` are probably outside.
+    /// `None` where contacts contradict nothing convex, where normals are not square to each other, where a contact
+    /// cannot be used, and where no box less smaller ones suits the contacts. Points `free` are probably outside.
     pub fn of(dimension: usize, contacts: &[Contact], free: &[Point]) -> Option<Found> {
         if !(2..=3).contains(&dimension) {
             return None;
         }
         let faces = Faces::fit(dimension, contacts)?;
-        if faces.is_convex() || contacts.len() >= EACH * faces.faces.len() {
+        if faces.is_convex() {
             return None;
         }
         let start = begun(dimension, contacts)?;

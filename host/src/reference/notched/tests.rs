@@ -327,6 +327,14 @@ fn what_is_convex_or_leans_is_none() {
 }
 
 #[test]
+fn faces_say_as_much_where_each_was_felt_often() {
+    for (shares, says_more) in [(&[0.2, 0.5, 0.8][..], true), (&[0.1, 0.3, 0.5, 0.7, 0.9], false)] {
+        assert_eq!(Found::says_more(2, &felt(&ELL, &[shares; 6], 0.1)), says_more);
+    }
+    assert!(!Found::says_more(2, &[]));
+}
+
+#[test]
 fn unusable_contacts_find_nothing() {
     let shares: [&[f64]; 6] = [&[0.2, 0.9], &[0.5], &[0.3, 0.8], &[0.5], &[0.5], &[0.3, 0.6]];
     let contacts = felt(&ELL, &shares, 0.0);

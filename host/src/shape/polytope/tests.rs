@@ -181,6 +181,24 @@ fn what_lies_behind_all_faces_needs_no_contact_on_each() {
 }
 
 #[test]
+fn contacts_are_off_the_sides_that_face_as_was_felt() {
+    let rectangle = shape(2, &along(&RECTANGLE), false).unwrap();
+    let off = |x: f64, y: f64, normal: Point| {
+        rectangle.off(&contact(Point::new(x, y, 0.0) * 1e-3, normal))
+    };
+    // The side is known ten times better than a contact is.
+    assert!(off(10.0, 30.0, Point::y()) < 0.1);
+    assert!((2.8..3.0).contains(&off(10.0, 33.0, Point::y())));
+    assert!((2.8..3.0).contains(&off(10.0, 27.0, Point::y())));
+    // Where the side would be if it did not end.
+    assert!(off(90.0, 30.0, Point::y()) > 20.0);
+    assert!(off(10.0, 30.0, -Point::y()) > 40.0 && off(10.0, 30.0, Point::x()) > 40.0);
+    let bare = Contact { normal: None, ..contact(Point::new(0.01, 0.03, 0.0), Point::y()) };
+    assert!(rectangle.off(&bare) < 0.1);
+    assert_eq!(rectangle.off(&contact(Point::y(), Point::y() * f64::NAN)), f64::INFINITY);
+}
+
+#[test]
 fn points_known_to_be_outside_stay_outside() {
     // A U whose bottom was not touched from inside: the free point says that there is a gap.
     let corners = [

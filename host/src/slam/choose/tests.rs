@@ -1,4 +1,5 @@
 use super::*;
+use crate::slam::reconstruct::{Poses, shape};
 
 /// `each` contacts spread over every side of a polygon (counter-clockwise, millimetres), from a
 /// tenth to nine tenths of it, off by up to half a millimetre.
@@ -72,11 +73,7 @@ fn all_but(unknown: usize, contacts: &[Contact]) -> Faces {
 #[test]
 fn contacts_on_no_side_are_left_out_where_sides_are_touched_often() {
     let wild = [(-0.01, 0.005, 0.3), (0.02, -0.012, 2.0), (0.03, 0.05, 4.0), (0.08, 0.0, 2.5)];
-    let wild = wild.map(|(x, y, angle): (f64, f64, f64)| Contact {
-        point: Point::new(x, y, 0.0),
-        normal: Some(Point::new(angle.cos(), angle.sin(), 0.0)),
-        ..along(&RECTANGLE, 1)[0]
-    });
+    let wild = wild.map(|(x, y, angle)| leaning(x, y, angle));
     for (each, left_out) in [(9, true), (3, false)] {
         let contacts = [along(&RECTANGLE, each), wild.to_vec()].concat();
         let faces = all_but(4, &contacts);
@@ -111,6 +108,59 @@ fn wild_contacts_that_make_a_side_between_them_are_left_out_too() {
     let trusted = trusted(&faces, &contacts, &[]);
     let expected: Vec<bool> = (0..48).map(|i| i < 44).collect();
     assert_eq!(trusted, expected);
+}
+
+/// A contact that faces along no side of a rectangle.
+fn leaning(x: f64, y: f64, angle: f64) -> Contact {
+    Contact {
+        point: Point::new(x, y, 0.0),
+        normal: Some(Point::new(angle.cos(), angle.sin(), 0.0)),
+        ..along(&RECTANGLE, 2)[0]
+    }
+}
+
+#[test]
+fn an_end_touched_once_among_many_is_none_to_leave_out_beside_wild_contacts() {
+    // The last side by one contact, the others by twelve each.
+    let sides = along(&RECTANGLE, 12);
+    let wild = [leaning(-0.01, 0.005, 0.7), leaning(0.02, -0.01, 4.0)];
+    let contacts = [&sides[..36], &sides[41..42], &wild].concat();
+    let faces = all_but(3, &contacts);
+    assert_eq!(faces.faces.len(), 3);
+    let trusted = trusted(&faces, &contacts, &[]);
+    assert_eq!(trusted, (0..39).map(|i| i < 37).collect::<Vec<bool>>());
+}
+
+const ELL: [[f64; 2]; 6] =
+    [[0.0, 0.0], [110.0, 0.0], [110.0, 25.0], [25.0, 25.0], [25.0, 80.0], [0.0, 80.0]];
+
+/// Contacts on an L but for one of its inner sides, so that the others do not close.
+fn open_ell() -> Vec<Contact> {
+    let sides = along(&ELL, 11);
+    [&sides[..33], &sides[44..]].concat()
+}
+
+#[test]
+fn a_side_that_does_not_suit_the_others_is_not_wild_but_what_lies_on_none_is() {
+    let contacts = [&open_ell()[..], &[leaning(0.01, 0.02, 0.7)]].concat();
+    assert!(matches!(judge(2, &open_ell(), &[]), Err(Refusal::Unexplained { .. })));
+    let trusted = trusted(&all_but(1, &contacts), &contacts, &[]);
+    assert_eq!(trusted, (0..56).map(|i| i < 55).collect::<Vec<bool>>());
+}
+
+#[test]
+fn an_inner_side_that_nobody_felt_is_found_among_boxes_less_smaller_ones() {
+    let made = shape(2, &open_ell(), &[], Poses::Known, Choice::Auto, &|_, _| {}).unwrap();
+    let Geometry::Outline(outline) = made.geometry else { panic!() };
+    assert_eq!(outline.loops[0].len(), 6);
+    let near = |corner: &[f64; 2]| {
+        let away = |v: &[f64; 2]| (v[0] - 1e-3 * corner[0]).hypot(v[1] - 1e-3 * corner[1]);
+        outline.loops[0].iter().map(away).fold(f64::INFINITY, f64::min)
+    };
+    for (number, corner) in ELL.iter().enumerate() {
+        let most = if (3..5).contains(&number) { 0.02 } else { 2e-3 };
+        assert!(near(corner) < most, "{number} {}", near(corner));
+    }
 }
 
 #[test]
