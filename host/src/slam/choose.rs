@@ -16,10 +16,10 @@ use crate::space::Point;
 /// What the user wants.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Choice {
-    /// A box less smaller boxes where few contacts at known poses suit one that is not convex
-    /// ([`Found`](crate::reference::notched::Found)); faces where they are trustworthy, see [`judge`], equal ones where
-    /// such a body is more probable; the Gaussian process where a round one is ([`simpler`](super::fit::simpler)), and
-    /// everywhere else.
+    /// A box less smaller boxes where contacts at known poses suit one that is not convex, and are few or make no faces
+    /// that close ([`Found`](crate::reference::notched::Found)); faces where they are trustworthy, see [`judge`], equal
+    /// ones where such a body is more probable; the Gaussian process where a round one is
+    /// ([`simpler`](super::fit::simpler)), and everywhere else.
     #[default]
     Auto,
     /// Faces; an error where they do not close.
