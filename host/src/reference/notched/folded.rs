@@ -57,14 +57,13 @@ impl Folded {
 
     /// A contact, and where it would be felt on the other sides of the mirrors.
     fn images(&self, felt: &Felt) -> impl Iterator<Item = Felt> {
-        let places = [0, 1, 2].map(|axis| self.mirrored[axis].then(|| self.part.outer[axis][0]));
-        let is_one =
-            move |over: &usize| (0..3).all(|axis| places[axis].is_some() || over >> axis & 1 == 0);
+        let (mirrored, outer) = (self.mirrored, self.part.outer);
+        // A bit for each axis that it is on the other side of.
+        let is_one = move |over: &usize| (0..3).all(|axis| mirrored[axis] || over >> axis & 1 == 0);
         (0..8).filter(is_one).map(move |over| {
             let mut image = *felt;
-            for (axis, place) in places.iter().enumerate().filter(|(axis, _)| over >> axis & 1 == 1)
-            {
-                image.point[axis] = 2.0 * place.unwrap_or(0.0) - image.point[axis];
+            for axis in (0..3).filter(|axis| over >> axis & 1 == 1) {
+                image.point[axis] = 2.0 * outer[axis][0] - image.point[axis];
                 image.normal[axis] = -image.normal[axis];
             }
             image
