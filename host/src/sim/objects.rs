@@ -12,7 +12,7 @@ use crate::shape::{Outline, ShapeError};
 /// What exists, for help and error messages.
 pub const KINDS: &str = "rectangle:WxH, triangle:R, hexagon:R, ngon:N,R (R the circumradius), \
     ellipse:AxB, lshape:WxHxT or tshape:WxHxT (arms T wide; WxHxTxZ a prism), polygon:FILE, \
-    corners:XxY,XxY,… (convex, counter-clockwise), prism:Z,OBJECT (a convex planar object Z tall), \
+    corners:XxY,XxY,… (convex, counter-clockwise), prism:Z,OBJECT (a planar object Z tall), \
     pyramid:Z,OBJECT (to a tip Z above it), frustum:Z,T,OBJECT (to a top T times as wide), \
     box:XxYxZ, cylinder:DxH, sphere:D, ellipsoid:AxBxC, or a mesh file (.ply, .stl, .obj, .off)";
 
@@ -44,17 +44,17 @@ pub enum ObjectSpec {
     Polygon(PathBuf),
     /// `corners:XxY,XxY,…`, a convex polygon counter-clockwise; moved to its centroid.
     Corners(Vec<[f64; 2]>),
-    /// `prism:Z,OBJECT`: a convex planar object swept along z.
+    /// `prism:Z,OBJECT`: a planar object swept along z.
     Prism {
-        /// Rectangle, regular polygon, ellipse or corners.
+        /// Of two dimensions.
         base: Box<ObjectSpec>,
         /// Along z.
         height: f64,
     },
-    /// `pyramid:Z,OBJECT`, a convex planar object drawn to a tip along z above its middle, and
-    /// `frustum:Z,T,OBJECT`, to a smaller one.
+    /// `pyramid:Z,OBJECT`, a planar object drawn to a tip along z above its centroid, and `frustum:Z,T,OBJECT`, to a
+    /// smaller one.
     Pyramid {
-        /// Rectangle, regular polygon, ellipse or corners.
+        /// Of two dimensions.
         base: Box<ObjectSpec>,
         /// Along z.
         height: f64,
@@ -235,21 +235,21 @@ fn lengths<const N: usize>(
     Ok(values)
 }
 
-/// A height and the convex planar object that stands there.
+/// A height and the planar object that stands there.
 fn standing(
     text: &str,
     kind: &str,
     size: &str,
     form: &str,
 ) -> Result<(f64, Box<ObjectSpec>), ObjectError> {
-    let expected = || format!("{kind}:{form} with a convex planar object");
+    let expected = || format!("{kind}:{form} with a planar object");
     let (height, base) = size
         .split_once(',')
         .filter(|(_, base)| !base.is_empty())
         .ok_or_else(|| malformed(text, expected(), "no object after a comma"))?;
     let [height] = lengths(text, kind, height, form)?;
     let base: ObjectSpec = base.parse()?;
-    if !base.is_convex_outline() {
+    if base.dimension() != 2 {
         return Err(malformed(text, expected(), base));
     }
     Ok((height, Box::new(base)))
@@ -342,17 +342,6 @@ impl ObjectSpec {
             _ => 3,
         }
     }
-
-    /// Whether it is planar and convex by its kind.
-    fn is_convex_outline(&self) -> bool {
-        matches!(
-            self,
-            ObjectSpec::Rectangle(_)
-                | ObjectSpec::Ngon { .. }
-                | ObjectSpec::Ellipse(_)
-                | ObjectSpec::Corners(_)
-        )
-    }
 }
 
 #[cfg(test)]
@@ -381,6 +370,7 @@ mod tests {
             "polygon:a.csv",
             "corners:-0.05x-0.03,0.045x-0.035,0.055x0.02,-0.03x0.04",
             "prism:0.06,hexagon:0.045",
+            "prism:0.06,polygon:a.csv",
             "pyramid:0.09,rectangle:0.09x0.09",
             "frustum:0.07,0.6,ellipse:0.1x0.08",
             "box:0.12x0.06x0.05",
@@ -417,15 +407,15 @@ mod tests {
             ("corners:0x0,0x0.1,0.1x0", "counter-clockwise"),
             ("corners:0x0,0.1x0,0.01x0.01,0x0.1", "convex"),
             ("corners:0x0,0.1x0,nanx0.1", "found nanx0.1"),
-            ("prism:0.06,lshape:0.1x0.1x0.03", "with a convex planar object"),
-            ("prism:0.06,prism:0.06,hexagon:0.045", "with a convex planar object"),
-            ("prism:0.06", "expected prism:Z,OBJECT with a convex planar object, found no object"),
+            ("prism:0.06,lshape:0.1x0.1x0.03x0.05", "with a planar object"),
+            ("prism:0.06,prism:0.06,hexagon:0.045", "with a planar object"),
+            ("prism:0.06", "expected prism:Z,OBJECT with a planar object, found no object"),
             ("prism:tall,hexagon:0.045", "expected prism:Z,OBJECT with a length such as"),
             ("prism:1x2,hexagon:0.045", "expected prism:Z,OBJECT, found 2 lengths"),
-            ("prism:0.06,", "expected prism:Z,OBJECT with a convex planar object, found no object"),
-            ("pyramid:0.06", "expected pyramid:Z,OBJECT with a convex planar object"),
-            ("pyramid:0.06,sphere:0.1", "with a convex planar object, found sphere:0.1"),
-            ("frustum:0.06,hexagon:0.045", "frustum:Z,T,OBJECT with a convex planar object"),
+            ("prism:0.06,", "expected prism:Z,OBJECT with a planar object, found no object"),
+            ("pyramid:0.06", "expected pyramid:Z,OBJECT with a planar object"),
+            ("pyramid:0.06,sphere:0.1", "with a planar object, found sphere:0.1"),
+            ("frustum:0.06,hexagon:0.045", "frustum:Z,T,OBJECT with a planar object"),
             ("frustum:0.06,1,hexagon:0.045", "with T between 0 and 1, found \"1\""),
             ("frustum:0.06,nan,hexagon:0.045", "with T between 0 and 1, found \"nan\""),
         ] {

@@ -2,6 +2,8 @@
 
 use std::f64::consts::{PI, TAU};
 
+use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation};
+
 use super::{Arms, ObjectError, ObjectSpec};
 use crate::shape::files::{read_mesh, read_outline};
 use crate::shape::{Geometry, Mesh, Outline};
@@ -112,7 +114,7 @@ impl Arms {
     }
 }
 
-/// A planar object, convex and about its centroid, swept along z; see [`prism`].
+/// A planar object about its centroid, swept along z; see [`prism`].
 fn standing(base: &ObjectSpec, height: f64, top: f64) -> Result<Geometry, ObjectError> {
     match base.geometry()? {
         Geometry::Outline(Outline { loops }) => {
@@ -122,37 +124,82 @@ fn standing(base: &ObjectSpec, height: f64, top: f64) -> Result<Geometry, Object
     }
 }
 
-/// A polygon, counter-clockwise and all of it seen from `hub`, swept along z to one that is `top` times as wide, about
-/// the centroid of the two and all between.
+/// A polygon, counter-clockwise, swept along z to one that is `top` times as wide, about the centroid of the two and
+/// all between. Its ends are fans about `hub` where that sees all of the polygon.
 fn prism(
     polygon: &[[f64; 2]],
-    [x, y]: [f64; 2],
+    hub: [f64; 2],
     height: f64,
     top: f64,
 ) -> Result<Geometry, ObjectError> {
     let low = -0.5 * height * ((0.5 + top + 1.5 * top * top) / (1.0 + top + top * top));
     let high = low + height;
-    let at =
-        |scale: f64, z: f64| polygon.iter().map(move |v| Point::new(scale * v[0], scale * v[1], z));
+    let at = |v: &[f64; 2], scale: f64, z: f64| Point::new(scale * v[0], scale * v[1], z);
     let n = polygon.len() as u32;
-    let mut vertices: Vec<Point> = at(1.0, low).collect();
-    if top > 0.0 {
-        vertices.extend(at(top, high));
+    let mut vertices: Vec<Point> = polygon.iter().map(|v| at(v, 1.0, low)).collect();
+    let has_top = top > 0.0;
+    if has_top {
+        vertices.extend(polygon.iter().map(|v| at(v, top, high)));
     }
+    let is_fan = sees(hub, polygon);
     // The middles of both ends; the upper one is the tip where there is one.
-    let (bottom, upper) = (vertices.len() as u32, vertices.len() as u32 + 1);
-    vertices.extend([Point::new(x, y, low), Point::new(top * x, top * y, high)]);
+    let (upper, bottom) = (vertices.len() as u32, vertices.len() as u32 + 1);
+    if is_fan || !has_top {
+        vertices.push(at(&hub, top, high));
+    }
+    if is_fan {
+        vertices.push(at(&hub, 1.0, low));
+    }
     let mut triangles: Vec<[u32; 3]> = Vec::new();
     for i in 0..n {
         let j = (i + 1) % n;
-        if top > 0.0 {
+        if has_top {
             triangles.extend([[i, j, n + j], [i, n + j, n + i]]);
-            triangles.extend([[bottom, j, i], [upper, n + i, n + j]]);
         } else {
-            triangles.extend([[i, j, upper], [bottom, j, i]]);
+            triangles.push([i, j, upper]);
+        }
+        if is_fan {
+            triangles.push([bottom, j, i]);
+        }
+        if is_fan && has_top {
+            triangles.push([upper, n + i, n + j]);
+        }
+    }
+    if !is_fan {
+        for [a, b, c] in triangulated(polygon) {
+            triangles.push([c, b, a]);
+            if has_top {
+                triangles.push([n + a, n + b, n + c]);
+            }
         }
     }
     Ok(Geometry::Mesh(Mesh::new(vertices, triangles)?))
+}
+
+/// Whether every side of a polygon, counter-clockwise, is seen from there.
+fn sees([x, y]: [f64; 2], polygon: &[[f64; 2]]) -> bool {
+    let ends = polygon.iter().zip(polygon.iter().cycle().skip(1));
+    ends.into_iter().all(|(a, b)| (a[0] - x) * (b[1] - y) - (a[1] - y) * (b[0] - x) > 0.0)
+}
+
+/// Triangles between the corners of a simple polygon that fill it, counter-clockwise.
+fn triangulated(polygon: &[[f64; 2]]) -> Vec<[u32; 3]> {
+    let corners = polygon.iter().map(|v| Point2::new(v[0], v[1])).collect();
+    let n = polygon.len();
+    let sides = (0..n).map(|i| [i, (i + 1) % n]).collect();
+    // A simple polygon has no conflicting sides, nor coordinates that are refused.
+    let Ok(all) = ConstrainedDelaunayTriangulation::<_>::try_bulk_load_cdt(corners, sides, |_| ())
+    else {
+        return Vec::new();
+    };
+    let outline = Outline { loops: vec![polygon.to_vec()] };
+    let is_inside = |[a, b, c]: &[[f64; 2]; 3]| {
+        let middle = [0, 1].map(|k| (a[k] + b[k] + c[k]) / 3.0);
+        outline.contains(&Point::new(middle[0], middle[1], 0.0))
+    };
+    let corners = |i: [usize; 3]| i.map(|i| polygon[i]);
+    let all = all.inner_faces().map(|face| face.vertices().map(|v| v.index()));
+    all.filter(|i| is_inside(&corners(*i))).map(|i| i.map(|i| i as u32)).collect()
 }
 
 /// Stacks of slices between two poles.
@@ -237,6 +284,9 @@ mod tests {
             ("prism:0.05,corners:-0.03x-0.02,0.06x-0.02,-0.03x0.045", 0.09 * 0.065 / 2.0 * 0.05),
             ("pyramid:0.09,rectangle:0.09x0.08", 0.09 * 0.08 * 0.09 / 3.0),
             ("frustum:0.06,0.5,rectangle:0.09x0.08", 0.09 * 0.08 * 0.06 * 1.75 / 3.0),
+            ("prism:0.05,tshape:0.09x0.08x0.03", 0.03 * 0.14 * 0.05),
+            ("frustum:0.06,0.5,lshape:0.09x0.08x0.03", 0.03 * 0.14 * 0.06 * 1.75 / 3.0),
+            ("pyramid:0.06,lshape:0.09x0.08x0.03", 0.03 * 0.14 * 0.06 / 3.0),
             ("pyramid:0.1,ellipse:0.08x0.06", PI * 0.04 * 0.03 * 0.1 / 3.0),
             ("sphere:0.1", PI / 6.0 * 1e-3),
             ("ellipsoid:0.12x0.08x0.06", PI / 6.0 * 0.12 * 0.08 * 0.06),
