@@ -143,12 +143,13 @@ fn prism(
     }
     let is_fan = sees(hub, polygon);
     // The middles of both ends; the upper one is the tip where there is one.
-    let (upper, bottom) = (vertices.len() as u32, vertices.len() as u32 + 1);
-    if is_fan || !has_top {
-        vertices.push(at(&hub, top, high));
-    }
+    let bottom = vertices.len() as u32;
     if is_fan {
         vertices.push(at(&hub, 1.0, low));
+    }
+    let upper = vertices.len() as u32;
+    if is_fan || !has_top {
+        vertices.push(at(&hub, top, high));
     }
     let mut triangles: Vec<[u32; 3]> = Vec::new();
     for i in 0..n {
@@ -178,8 +179,8 @@ fn prism(
 
 /// Whether every side of a polygon, counter-clockwise, is seen from there.
 fn sees([x, y]: [f64; 2], polygon: &[[f64; 2]]) -> bool {
-    let ends = polygon.iter().zip(polygon.iter().cycle().skip(1));
-    ends.into_iter().all(|(a, b)| (a[0] - x) * (b[1] - y) - (a[1] - y) * (b[0] - x) > 0.0)
+    let mut sides = polygon.iter().zip(polygon.iter().cycle().skip(1));
+    sides.all(|(a, b)| (a[0] - x) * (b[1] - y) - (a[1] - y) * (b[0] - x) > 0.0)
 }
 
 /// Triangles between the corners of a simple polygon that fill it, counter-clockwise.
