@@ -5,6 +5,7 @@
 //! what is cut out of it says which are missing, and that contacts fall anywhere on the surface alike how far away
 //! they may be. Much is its own mirror image, too: then half of it, or a quarter, has fewer sides to be known.
 
+mod axes;
 mod cells;
 mod chain;
 mod folded;
@@ -28,8 +29,20 @@ const MOST: usize = 4;
 /// Least part of the outer box that an inner one leaves along an axis, and takes.
 const LEAST: f64 = 0.06;
 
-/// How probable a contact is at least, relative to one where and as the surface has it: it may be wild.
-const WILD: f64 = 1e-7;
+/// How probable contacts are that the surface has no place for, relative to one where and as it has it.
+#[derive(Clone, Copy, Debug)]
+struct Wild {
+    /// Any contact, at least.
+    least: f64,
+    /// One that is of a side, at least.
+    owned: f64,
+}
+
+/// Where hardly any is wild.
+const RARE: Wild = Wild { least: 1e-7, owned: 4e-6 };
+
+/// Where some may be: less probable than that are contacts that lie four deviations and more off.
+const COMMON: Wild = Wild { least: 1e-5, owned: 1e-5 };
 
 /// Least cosine between a normal and the side that it may be of.
 const SQUARE: f64 = 0.7;

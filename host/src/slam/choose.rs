@@ -16,8 +16,9 @@ use crate::space::Point;
 /// What the user wants.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Choice {
-    /// A box less smaller boxes where contacts at known poses suit one that is not convex, and are few or make no faces
-    /// that close ([`Found`](crate::reference::notched::Found)); faces where they are trustworthy, see [`judge`], equal
+    /// A box less smaller boxes where contacts at known poses, but for a few wild ones, suit one that is not convex, and
+    /// some face of theirs was felt by few, or they make none that close
+    /// ([`Found`](crate::reference::notched::Found)); faces where they are trustworthy, see [`judge`], equal
     /// ones where such a body is more probable; the Gaussian process where a round one is
     /// ([`simpler`](super::fit::simpler)), and everywhere else.
     #[default]

@@ -115,6 +115,9 @@ const FACED: usize = 1_000;
 /// Contacts that a box less smaller boxes is made from at most: it takes as long as there are many.
 const NOTCHED: usize = 80;
 
+/// Contacts that may make a side between them though they are wild.
+const PAIR: usize = 2;
+
 /// Contacts that say at most which part of a zero set was touched.
 const VOTING: usize = 2_000;
 
@@ -176,7 +179,8 @@ pub fn reconstruct_known(
             let own = faces.faces.clone();
             let faces = Faces::explaining(log.dimension, &contacts, own, owners);
             let known = || choose::known(&faces, &contacts, &outside);
-            shape_of(log.dimension, &contacts, &free, &known, Poses::Estimated, choice, progress)?
+            let felt = Felt { contacts: &contacts, all: &contacts, free: &free };
+            shape_of(log.dimension, felt, &known, Poses::Estimated, choice, progress)?
         }
     };
     Ok(Reconstruction::new(shape, placed))
@@ -226,10 +230,12 @@ pub fn shape(
 ) -> Result<Shape, Error> {
     let none = || None;
     if choice != Choice::Auto || poses != Poses::Known || !is_dense(dimension, contacts) {
-        return shape_of(dimension, contacts, free, &none, poses, choice, progress);
+        let felt = Felt { contacts, all: contacts, free };
+        return shape_of(dimension, felt, &none, poses, choice, progress);
     }
     let trusted = only(contacts, &sift::beside_faces(dimension, contacts, &outside(free)));
-    shape_of(dimension, &trusted, free, &none, poses, choice, progress)
+    let felt = Felt { contacts: &trusted, all: contacts, free };
+    shape_of(dimension, felt, &none, poses, choice, progress)
 }
 
 /// Whether a dense Gaussian process takes so many contacts.
@@ -237,23 +243,34 @@ fn is_dense(dimension: usize, contacts: &[Contact]) -> bool {
     contacts.len() <= DENSE[usize::from(dimension == 3)]
 }
 
+/// What a shape is made of, object frame.
+#[derive(Clone, Copy)]
+struct Felt<'a> {
+    /// Those that are trusted.
+    contacts: &'a [Contact],
+    /// And those that may be wild.
+    all: &'a [Contact],
+    /// Points outside.
+    free: &'a [Free],
+}
+
 /// The same, of faces that are `known` where flat sides suit the contacts and these are not equal.
 fn shape_of(
     dimension: usize,
-    contacts: &[Contact],
-    free: &[Free],
+    felt: Felt<'_>,
     known: &dyn Fn() -> Option<Polytope>,
     poses: Poses,
     choice: Choice,
     progress: Progress<'_>,
 ) -> Result<Shape, Error> {
+    let Felt { contacts, free, .. } = felt;
     let boxes = || {
-        let polytope = notched(dimension, contacts, free)?;
-        Some(Shape::flat(polytope, vec![]).doubted(open_beside(dimension, contacts, free)))
+        let (polytope, trusted) = notched(dimension, felt)?;
+        Some(Shape::flat(polytope, vec![]).doubted(open_beside(dimension, &trusted, free)))
     };
     let may_be_boxes = choice == Choice::Auto && poses == Poses::Known;
-    let are_few = may_be_boxes && Found::says_more(dimension, contacts);
-    if are_few && let Some(shape) = boxes() {
+    let are_first = may_be_boxes && are_boxes_first(dimension, contacts);
+    if are_first && let Some(shape) = boxes() {
         return Ok(shape);
     }
     if let Some(polytope) = faced(dimension, contacts, free, known, choice)? {
@@ -269,7 +286,7 @@ fn shape_of(
     }
     // Many contacts do not show sides that nobody felt.
     if may_be_boxes
-        && !are_few
+        && !are_first
         && let Some(shape) = boxes()
     {
         return Ok(shape);
@@ -297,11 +314,30 @@ fn shape_of(
     Ok(shape.doubted(doubt()))
 }
 
-/// A box less smaller boxes, where one suits the contacts.
-fn notched(dimension: usize, contacts: &[Contact], free: &[Free]) -> Option<Polytope> {
-    let contacts = evenly(contacts, NOTCHED);
-    let found = Found::of(dimension, &contacts, &outside(free))?;
-    solid(&found.faces, &contacts, |point| found.solid.contains(point))
+/// Whether a box less smaller boxes says more than faces: these show a hollow, and either they were felt by few contacts
+/// each, or one by so few that these may be wild.
+fn are_boxes_first(dimension: usize, contacts: &[Contact]) -> bool {
+    if Found::says_more(dimension, contacts) {
+        return true;
+    }
+    let is_doubtful =
+        |faces: &Faces| !faces.is_convex() && faces.faces.iter().any(|face| face.contacts <= PAIR);
+    contacts.len() <= NOTCHED && Faces::fit(dimension, contacts).as_ref().is_some_and(is_doubtful)
+}
+
+/// A box less smaller boxes, where one suits the contacts or all but a few wild ones, and those that it suits.
+fn notched(dimension: usize, felt: Felt<'_>) -> Option<(Polytope, Vec<Contact>)> {
+    let few = |contacts: &[Contact]| evenly(contacts, NOTCHED);
+    let free = outside(felt.free);
+    let contacts = few(felt.contacts);
+    let strict = Found::of(dimension, &contacts, &free).map(|found| (found, contacts));
+    let (found, contacts) = strict.or_else(|| {
+        let all = few(felt.all);
+        let (found, trusted) = sift::boxes(dimension, &all, &free)?;
+        Some((found, only(&all, &trusted)))
+    })?;
+    let polytope = solid(&found.faces, &contacts, |point| found.solid.contains(point))?;
+    Some((polytope, contacts))
 }
 
 /// Faces that show a hollow, or those of the contacts and their images, if these suit and are no more: of two that are

@@ -8,6 +8,7 @@ use super::choose::{self, often, only};
 use super::fit::{explains, rounds};
 use crate::graph::joint;
 use crate::reference::body::{Body, MISFIT};
+use crate::reference::notched::Found;
 use crate::reference::{Contact, Faces, Mean, Prior};
 use crate::space::Point;
 
@@ -74,12 +75,21 @@ pub fn trusted(dimension: usize, contacts: &[Contact]) -> Vec<bool> {
             let others: Vec<bool> = trusted.iter().map(|trusted| !trusted).collect();
             let others = only(contacts, &others);
             let few = others.len() as f64 <= WILD * contacts.len() as f64;
-            let is_wild = few && is_known(dimension, &body, &own) && !is_part(&others, radius);
-            return if is_wild { trusted } else { all };
+            let are_wild = few && is_known(dimension, &body, &own) && !is_part(&others, radius);
+            return if are_wild { trusted } else { all };
         }
         trusted = next;
     }
     all
+}
+
+/// The box less smaller boxes that explains most of many contacts, and which: all but few, most of which agree with no
+/// other. `None` where there is none.
+pub fn boxes(dimension: usize, contacts: &[Contact], free: &[Point]) -> Option<(Found, Vec<bool>)> {
+    let Some(Prior::Ball { radius, .. }) = Prior::fitted(contacts) else { return None };
+    let (found, trusted) = Found::among_wild(dimension, contacts, free, WILD)?;
+    let others: Vec<bool> = trusted.iter().map(|trusted| !trusted).collect();
+    (!is_part(&only(contacts, &others), radius)).then_some((found, trusted))
 }
 
 /// Whether the body of these contacts is to be believed against others.
@@ -126,6 +136,7 @@ fn strangeness(body: &Body, radius: f64, contacts: &[Contact]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shape::polytope::solid;
     use crate::sim::{Options, simulate};
     use crate::slam::fit::tests::touched;
     use crate::slam::reconstruct::place;
@@ -181,6 +192,43 @@ mod tests {
             }
             assert!(4 * found >= 3 * all && lost <= all / 8, "{object}: {found} of {all}, {lost}");
         }
+    }
+
+    #[test]
+    fn a_tee_is_a_box_less_two_others_whatever_else_was_felt() {
+        let (mut found, mut all, mut lost) = (0, 0, 0);
+        for seed in 0..3 {
+            let (dimension, contacts, wild) = felt("tshape:0.1x0.09x0.03", seed, 0.1);
+            let (boxes, trusted) = boxes(dimension, &contacts, &[]).unwrap();
+            for (trusted, wild) in trusted.iter().zip(&wild) {
+                found += usize::from(!trusted && *wild);
+                lost += usize::from(!trusted && !wild);
+                all += usize::from(*wild);
+            }
+            let holds = |x: f64, y: f64| boxes.solid.contains(&Point::new(x, y, 0.0));
+            assert!(holds(0.0, -0.05) && holds(0.045, 0.02) && holds(-0.045, 0.02), "{seed}");
+            assert!(!holds(0.03, -0.02) && !holds(-0.03, -0.02) && !holds(0.0, 0.04), "{seed}");
+            // Both shoulders may lie in one plane, to the last bit.
+            let own = only(&contacts, &trusted);
+            let inside = |point: &Point| boxes.solid.contains(point);
+            assert!(solid(&boxes.faces, &own, inside).is_some(), "{seed}");
+        }
+        assert!(4 * found >= 3 * all && 8 * lost <= all, "{found} of {all}, {lost}");
+    }
+
+    #[test]
+    fn what_is_no_box_less_others_is_none_among_wild_contacts() {
+        for object in ["rectangle:0.1x0.06", "hexagon:0.045", "ellipse:0.1x0.06"] {
+            let (dimension, contacts, _) = felt(object, 0, 0.1);
+            assert!(boxes(dimension, &contacts, &[]).is_none(), "{object}");
+        }
+        assert!(boxes(2, &[], &[]).is_none());
+        let (dimension, contacts, _) = felt("tshape:0.1x0.09x0.03", 0, 0.4);
+        assert!(boxes(dimension, &contacts, &[]).is_none());
+        // Few contacts of each side say nothing of what is wild.
+        let (dimension, mut contacts, _) = touched("tshape:0.1x0.09x0.03", 20, 1);
+        contacts.push(Contact { normal: Some(Point::new(0.6, 0.8, 0.0)), ..contacts[0] });
+        assert!(boxes(dimension, &contacts, &[]).is_none());
     }
 
     #[test]

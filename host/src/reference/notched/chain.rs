@@ -3,7 +3,7 @@
 //! what they find (Geyer, Computing Science and Statistics, 1991).
 
 use super::folded::Folded;
-use super::{Felt, Notched};
+use super::{Felt, Notched, Wild};
 use crate::reference::Contact;
 use crate::sim::random::Random;
 use crate::space::Point;
@@ -35,6 +35,7 @@ pub(super) const MIRRORED: f64 = 0.2;
 pub(super) struct Chains<'a> {
     contacts: &'a [Contact],
     free: &'a [Point],
+    wild: Wild,
     /// Half the mean diagonal of the contacts' box, its middle (in the first frame), and their usual deviation.
     pub(super) radius: f64,
     pub(super) middle: Point,
@@ -52,7 +53,12 @@ pub(super) struct Replica {
 }
 
 impl<'a> Chains<'a> {
-    pub(super) fn of(contacts: &'a [Contact], free: &'a [Point], start: &Notched) -> Chains<'a> {
+    pub(super) fn of(
+        contacts: &'a [Contact],
+        free: &'a [Point],
+        wild: Wild,
+        start: &Notched,
+    ) -> Chains<'a> {
         let [random] = Random::streams(SEED);
         let sides = (0..start.dimension).map(|axis| start.size(axis));
         let radius = 0.5 * sides.map(|side| side * side).sum::<f64>().sqrt()
@@ -61,7 +67,7 @@ impl<'a> Chains<'a> {
         let mut deviations: Vec<f64> = contacts.iter().map(|c| c.point_deviation).collect();
         deviations.sort_by(f64::total_cmp);
         let deviation = deviations.get(deviations.len() / 2).copied().unwrap_or_default();
-        Chains { contacts, free, radius, middle, deviation, random }
+        Chains { contacts, free, wild, radius, middle, deviation, random }
     }
 
     /// What the chain at the contacts' own likelihood comes by.
@@ -125,7 +131,7 @@ impl<'a> Chains<'a> {
     fn likelihood(&self, solid: &Folded, felt: &[Felt], least: f64) -> Option<f64> {
         let inside = self.free.iter().filter(|point| solid.contains(point)).count();
         let free = FREE * inside as f64;
-        Some(solid.likelihood(felt, least + free)? - free)
+        Some(solid.likelihood(felt, &self.wild, least + free)? - free)
     }
 
     /// Log probability before any contact.

@@ -1,7 +1,7 @@
 //! A box less smaller boxes that may be its own mirror image: what is on one side of the mirrors says all.
 
 use super::cells::Cells;
-use super::{Felt, LEAST, Notch, Notched, Side, Span, WILD, image};
+use super::{Felt, LEAST, Notch, Notched, Side, Span, Wild, image};
 use crate::space::Point;
 
 /// A box less smaller boxes of which one half, quarter or eighth is kept.
@@ -82,7 +82,7 @@ impl Folded {
 
     /// Log probability of contacts that fall anywhere on the surface of the whole alike; `None` where this is not what
     /// it says, or less than `least`.
-    pub(super) fn likelihood(&self, felt: &[Felt], least: f64) -> Option<f64> {
+    pub(super) fn likelihood(&self, felt: &[Felt], wild: &Wild, least: f64) -> Option<f64> {
         let room = [0, 1, 2].map(|axis| LEAST * (self.span(axis)[1] - self.span(axis)[0]));
         let cells = Cells::of(&self.part, room)?;
         let mut facets = cells.facets();
@@ -95,7 +95,7 @@ impl Folded {
             let on =
                 images.map(|felt| facets.iter().map(|f| self.part.touched(f, &felt)).sum::<f64>());
             // At most one, so that `log` only falls.
-            log += (on.sum::<f64>().min(1.0 - WILD) + WILD).ln();
+            log += (on.sum::<f64>().min(1.0 - wild.least) + wild.least).ln();
             if log < least {
                 return None;
             }

@@ -2,22 +2,22 @@
 
 use nalgebra::{Matrix3, Rotation3};
 
+use super::axes::{Normal, along_axes, axes, directions, normal};
 use super::chain::Chains;
-use super::{Notch, Notched, Side, Span};
+use super::{COMMON, Notch, Notched, RARE, Side, Span, Wild};
 use crate::reference::faces::{Face, Owner};
 use crate::reference::{Contact, Faces, misfit};
 use crate::space::Point;
 
-/// Most contacts that it does not explain, as a share, and how improbable they are there.
+/// Most contacts that it does not explain where hardly any is wild, as a share.
 const UNEXPLAINED: f64 = 0.06;
-const IMPROBABLE: f64 = 4e-6;
-
-/// Contacts whose normals the axes are begun with, and rounds of bringing them closer to all normals.
-const BEGUN: usize = 12;
-const ROUNDS: usize = 6;
 
 /// Contacts of each side that was felt, on average, from which on faces say as much.
 const EACH: usize = 4;
+
+/// Part of the outer box's length by which two sides may be apart and are one all the same: images of each other are as
+/// far from their mirror but for rounding.
+const LEVEL: f64 = 1e-6;
 
 /// Where it is looked whether samples are inside, along each axis in the plane and in space.
 const LOOKED: [usize; 2] = [48, 16];
@@ -75,22 +75,70 @@ impl Found {
     /// `None` where contacts contradict nothing convex, where normals are not square to each other, where a contact
     /// cannot be used, and where no box less smaller ones suits the contacts. Points `free` are probably outside.
     pub fn of(dimension: usize, contacts: &[Contact], free: &[Point]) -> Option<Found> {
+        if !(2..=3).contains(&dimension) || Faces::fit(dimension, contacts)?.is_convex() {
+            return None;
+        }
+        let (start, are_square) = begun(dimension, contacts)?;
+        if are_square { Found::likeliest(contacts, free, RARE, UNEXPLAINED, &start) } else { None }
+    }
+
+    /// The same of many contacts of which a share `most` may be wild, of something else or of a sensor that failed, and
+    /// which are not: those on its sides.
+    ///
+    /// `None` as for [`of`](Found::of), but that wild contacts need not be square to others, and where faces of the
+    /// others [say](Found::says_more) less.
+    pub fn among_wild(
+        dimension: usize,
+        contacts: &[Contact],
+        free: &[Point],
+        most: f64,
+    ) -> Option<(Found, Vec<bool>)> {
         if !(2..=3).contains(&dimension) {
             return None;
         }
-        let faces = Faces::fit(dimension, contacts)?;
-        if faces.is_convex() {
+        let mut trusted = along_axes(dimension, contacts);
+        let own = contacts.iter().zip(&trusted).filter_map(|(c, along)| along.then_some(*c));
+        let own: Vec<Contact> = own.collect();
+        let askew = contacts.len() - own.len();
+        let left = most * contacts.len() as f64 - askew as f64;
+        if left < 0.0
+            || Found::says_more(dimension, &own)
+            || Faces::fit(dimension, &own)?.is_convex()
+        {
             return None;
         }
-        let start = begun(dimension, contacts)?;
-        let samples = Chains::of(contacts, free, &start).samples(&start);
+        let (start, _) = begun(dimension, &own)?;
+        let unexplained = left / own.len() as f64;
+        let Found { solid, faces } = Found::likeliest(&own, free, COMMON, unexplained, &start)?;
+        let is_on: Vec<bool> = faces.owners.iter().map(Option::is_some).collect();
+        let mut each = is_on.iter();
+        for trusted in trusted.iter_mut().filter(|trusted| **trusted) {
+            *trusted = each.next().copied().unwrap_or_default();
+        }
+        let owned = own.iter().zip(faces.owners).filter(|(_, owner)| owner.is_some());
+        let (own, owners): (Vec<Contact>, Vec<Option<Owner>>) = owned.unzip();
+        let faces = Faces::explaining(dimension, &own, faces.faces, owners);
+        Some((Found { solid, faces }, trusted))
+    }
+
+    /// What contacts make most probable, where it leaves a share of them unexplained at most.
+    fn likeliest(
+        contacts: &[Contact],
+        free: &[Point],
+        wild: Wild,
+        unexplained: f64,
+        start: &Notched,
+    ) -> Option<Found> {
+        let dimension = start.dimension;
+        let samples = Chains::of(contacts, free, wild, start).samples(start);
         let is_notched = |solid: &&Notched| !solid.notches.is_empty();
         let samples: Vec<Notched> =
             samples.iter().filter(is_notched).map(Notched::ordered).collect();
-        let usual = usual(&start, &samples)?;
-        let owners = usual.owners(contacts)?;
+        let usual = usual(start, &samples)?;
+        let owners = usual.owners(contacts, &wild)?;
         let is_alike = |other: &&Notched| {
-            other.sides() == usual.sides() && other.owners(contacts).as_ref() == Some(&owners)
+            other.sides() == usual.sides()
+                && other.owners(contacts, &wild).as_ref() == Some(&owners)
         };
         let middle = Middle::of(usual, &samples.iter().filter(is_alike).collect::<Vec<_>>());
         middle.solid.facets()?;
@@ -99,75 +147,25 @@ impl Found {
         // Faces have a direction each, and here all have one together.
         let shared = (dimension - 1) * faces.faces.len();
         let degrees = faces.degrees + (shared - directions(dimension)) as f64;
-        let suits = unowned as f64 <= UNEXPLAINED * contacts.len() as f64
+        let suits = unowned as f64 <= unexplained * contacts.len() as f64
             && misfit::is_likely(faces.chi_squared / degrees.max(1.0), degrees);
         suits.then_some(Found { solid: middle.solid, faces })
     }
 }
 
-/// How many numbers turn a box.
-fn directions(dimension: usize) -> usize {
-    if dimension == 2 { 1 } else { 3 }
-}
-
-/// The box about the contacts along the axes that their normals lie on, if they do.
-pub(super) fn begun(dimension: usize, contacts: &[Contact]) -> Option<Notched> {
-    let weighted = |c: &Contact| Some((c.checked()?.normal?, c.normal_deviation.powi(-2)));
-    let felt: Vec<(Point, f64)> = contacts.iter().map(weighted).collect::<Option<_>>()?;
-    let firsts = felt.iter().take(BEGUN).map(|(normal, _)| *normal);
-    let frames = firsts.flat_map(|first| {
-        let seconds: Vec<Point> = match dimension {
-            2 => vec![Point::new(-first.y, first.x, 0.0)],
-            _ => felt.iter().map(|(normal, _)| normal - first * first.dot(normal)).collect(),
-        };
-        seconds.into_iter().filter_map(move |second| {
-            let second = second.try_normalize(0.5)?;
-            let rows = [first, second, first.cross(&second)].map(|row| row.transpose());
-            Some(Rotation3::from_matrix_unchecked(Matrix3::from_rows(&rows)))
-        })
-    });
-    let (cost, frame) =
-        frames.map(|frame| aligned(dimension, frame, &felt)).min_by(|a, b| a.0.total_cmp(&b.0))?;
+/// The box about the contacts along the axes that their normals lie on, and whether all do.
+pub(super) fn begun(dimension: usize, contacts: &[Contact]) -> Option<(Notched, bool)> {
+    let felt: Vec<Normal> = contacts.iter().map(normal).collect::<Option<_>>()?;
+    let (frame, cost) = axes(dimension, &felt)?;
     let degrees = ((dimension - 1) * felt.len()) as f64 - directions(dimension) as f64;
-    if !misfit::is_likely(cost / degrees.max(1.0), degrees) {
-        return None;
-    }
+    let are_square = misfit::is_likely(cost / degrees.max(1.0), degrees);
     let middle = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len() as f64;
     let points = || contacts.iter().map(|c| frame * (c.point - middle));
     let low = points().fold(Point::repeat(f64::INFINITY), |low, p| low.inf(&p));
     let high = points().fold(Point::repeat(f64::NEG_INFINITY), |high, p| high.sup(&p));
     let margin = 0.05 * (high - low).norm();
     let outer = [0, 1, 2].map(|axis| [low[axis] - margin, high[axis] + margin]);
-    Some(Notched { dimension, frame, middle, outer, notches: vec![] })
-}
-
-/// The frame near this one whose axes are nearest to all normals (the orthogonal Procrustes problem; Schönemann,
-/// Psychometrika 31, 1966), and χ² of the normals.
-fn aligned(
-    dimension: usize,
-    mut frame: Rotation3<f64>,
-    felt: &[(Point, f64)],
-) -> (f64, Rotation3<f64>) {
-    let axis = |frame: &Rotation3<f64>, normal: &Point| {
-        let seen = frame * normal;
-        let most = seen.iamax();
-        Point::ith(most, seen[most].signum())
-    };
-    for _ in 0..ROUNDS {
-        let mut sum = Matrix3::zeros();
-        for (normal, weight) in felt {
-            sum += axis(&frame, normal) * normal.transpose() * *weight;
-        }
-        if dimension == 2 {
-            sum[(2, 2)] += sum.norm();
-        }
-        let svd = sum.svd(true, true);
-        let (Some(u), Some(v)) = (svd.u, svd.v_t) else { break };
-        let flip = Matrix3::from_diagonal(&Point::new(1.0, 1.0, (u * v).determinant().signum()));
-        frame = Rotation3::from_matrix_unchecked(u * flip * v);
-    }
-    let cost = felt.iter().map(|(n, weight)| (frame * n - axis(&frame, n)).norm_squared() * weight);
-    (cost.sum(), frame)
+    Some((Notched { dimension, frame, middle, outer, notches: vec![] }, are_square))
 }
 
 /// The sample that is inside most where most are.
@@ -219,11 +217,11 @@ impl Notched {
     }
 
     /// The side each contact is on, if any; `None` where it is not what it says.
-    fn owners(&self, contacts: &[Contact]) -> Option<Vec<Option<Side>>> {
+    fn owners(&self, contacts: &[Contact], wild: &Wild) -> Option<Vec<Option<Side>>> {
         let facets = self.facets()?;
         let one = |felt| {
             let on = facets.iter().map(|facet| (self.touched(facet, felt), facet.side));
-            on.filter(|(share, _)| *share > IMPROBABLE)
+            on.filter(|(share, _)| *share > wild.owned)
                 .max_by(|a, b| a.0.total_cmp(&b.0))
                 .map(|on| on.1)
         };
@@ -263,10 +261,19 @@ impl Middle {
         Middle { solid, sides, variances, turning }
     }
 
+    /// Whether two sides lie in one plane and face the same way.
+    fn are_level(&self, one: &Side, other: &Side) -> bool {
+        let apart = self.solid.at(*one) - self.solid.at(*other);
+        one.axis == other.axis
+            && one.sign() == other.sign()
+            && apart.abs() < LEVEL * self.solid.size(one.axis)
+    }
+
     /// As faces, with the contacts that lie on each.
     fn faces(&self, contacts: &[Contact], owners: &[Option<Side>]) -> Faces {
         let face = |(side, variance): (&Side, &f64)| {
-            let own = contacts.iter().zip(owners).filter(|(_, owner)| **owner == Some(*side));
+            let is_on = |owner: &Option<Side>| owner.is_some_and(|own| self.are_level(&own, side));
+            let own = contacts.iter().zip(owners).filter(|(_, owner)| is_on(owner));
             let own: Vec<Point> = own.map(|(c, _)| c.point).collect();
             let out = Point::ith(side.axis, side.sign());
             let inward = self.solid.frame.inverse();
@@ -289,8 +296,15 @@ impl Middle {
                 contacts: own.len(),
             }
         };
-        let faces = self.sides.iter().zip(&self.variances).map(face).collect();
-        let number = |side: &Side| self.sides.iter().position(|own| own == side).map(Owner::Face);
+        let mut planes: Vec<(&Side, &f64)> = Vec::new();
+        for (side, variance) in self.sides.iter().zip(&self.variances) {
+            if !planes.iter().any(|(own, _)| self.are_level(own, side)) {
+                planes.push((side, variance));
+            }
+        }
+        let number = |side: &Side| planes.iter().position(|(own, _)| self.are_level(own, side));
+        let number = |side: &Side| number(side).map(Owner::Face);
+        let faces = planes.iter().copied().map(face).collect();
         let owners = owners.iter().map(|owner| owner.as_ref().and_then(number)).collect();
         Faces::explaining(self.solid.dimension, contacts, faces, owners)
     }

@@ -164,13 +164,13 @@ proptest! {
         };
         let felt: Vec<Felt> = at.iter().enumerate()
             .map(|(i, p)| felt(p, i % dimension, if i % 4 < 2 { 1.0 } else { -1.0 })).collect();
-        let own = folded.likelihood(&felt, f64::NEG_INFINITY);
-        let other = Folded::of(&whole).likelihood(&felt, f64::NEG_INFINITY);
+        let own = folded.likelihood(&felt, &RARE, f64::NEG_INFINITY);
+        let other = Folded::of(&whole).likelihood(&felt, &RARE, f64::NEG_INFINITY);
         prop_assert_eq!(own.is_some(), other.is_some());
         if let (Some(own), Some(other)) = (own, other) {
             prop_assert!((own - other).abs() < 1e-9, "{} {}", own, other);
-            prop_assert_eq!(folded.likelihood(&felt, own - 1e-9), Some(own));
-            prop_assert_eq!(folded.likelihood(&felt, own + 1e-9), None);
+            prop_assert_eq!(folded.likelihood(&felt, &RARE, own - 1e-9), Some(own));
+            prop_assert_eq!(folded.likelihood(&felt, &RARE, own + 1e-9), None);
         }
     }
 
@@ -198,7 +198,7 @@ proptest! {
 #[test]
 fn without_contacts_boxes_are_as_usual_as_is_said_before_any() {
     let start = solid(2, &[]);
-    let mut chains = chain::Chains::of(&[], &[], &start);
+    let mut chains = chain::Chains::of(&[], &[], RARE, &start);
     let mut replica = chains.replica(&start, 1.0).unwrap();
     // Notches none and one (at a corner, in a side), without a mirror and with one along x, and with both.
     let mut counts = [[0.0; 3]; 3];
@@ -285,8 +285,8 @@ fn an_end_that_nobody_felt_is_as_far_as_so_many_contacts_leave_it() {
     // contacts fell short of it with probability (outline/(outline + 2))ⁿ.
     let corners = [[0.0, 0.0], [100.0, 0.0], [100.0, 60.0], [0.0, 60.0]];
     let contacts = felt(&corners, &[&[0.1, 0.3, 0.7], &[], &[0.35, 0.5, 0.8], &[0.3, 0.8]], 0.0);
-    let start = found::begun(2, &contacts).unwrap();
-    let samples = chain::Chains::of(&contacts, &[], &start).samples(&start);
+    let start = found::begun(2, &contacts).unwrap().0;
+    let samples = chain::Chains::of(&contacts, &[], RARE, &start).samples(&start);
     let axis = (start.frame * Point::x()).iamax();
     let end = usize::from((start.frame * Point::x())[axis] > 0.0);
     let boxes: Vec<&Notched> = samples.iter().filter(|s| s.notches.is_empty()).collect();
@@ -387,4 +387,23 @@ fn a_t_is_found_whose_other_shoulder_nobody_felt() {
     ] {
         assert_eq!(found.solid.contains(&(place * Point::new(x, y, 0.0))), inside, "{x} {y}");
     }
+}
+
+#[test]
+fn axes_are_those_of_most_normals() {
+    let normal_deviation = 0.09;
+    let felt = |normal: [f64; 3]| Contact {
+        point: Point::zeros(),
+        normal: Some(Point::from(normal).normalize()),
+        point_deviation: 1e-3,
+        normal_deviation,
+    };
+    let along = [[1.0, 0.05, 0.0], [0.02, -1.0, 0.0], [-1.0, 0.0, 0.1], [0.0, 0.03, 1.0]];
+    let askew = [[1.0, 1.0, 0.0], [0.3, 0.3, 1.0]];
+    let contacts: Vec<Contact> = askew.into_iter().chain(along).map(felt).collect();
+    let expected = [false, false, true, true, true, true];
+    assert_eq!(axes::along_axes(3, &contacts), expected);
+    let blind = Contact { normal: None, ..contacts[2] };
+    assert_eq!(axes::along_axes(3, &[blind]), [false]);
+    assert!(axes::along_axes(2, &[]).is_empty());
 }
