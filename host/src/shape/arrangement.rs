@@ -6,7 +6,15 @@
 
 use std::collections::{BTreeSet, HashMap};
 
+use super::mesh::plastic;
 use crate::space::Point;
+
+/// How far planes are moved where more than three meet in a point, as a share of the box: much more than rounding, and
+/// much less than anybody measures.
+const APART: f64 = 1e-8;
+
+/// Length of an edge that rounding alone may have made, metres.
+const NO_EDGE: f64 = 1e-12;
 
 /// One side of the box, or one of the planes.
 pub type Plane = Option<usize>;
@@ -46,6 +54,22 @@ struct Split {
 }
 
 impl Arrangement {
+    /// The cube of half side `reach` about `centre` (metres), cut by planes of this unit normal n and offset ρ each,
+    /// n·p = ρ. Where many meet in a point, as at the tip of a pyramid, rounding may spoil facets; then each plane is
+    /// moved by another little bit, at most a hundred-millionth of `reach`.
+    ///
+    /// `None` where a number is none.
+    pub fn of(centre: &Point, reach: f64, planes: &[(Point, f64)]) -> Option<Arrangement> {
+        let moved = |by: f64| {
+            let mut arrangement = Arrangement::cube(centre, reach);
+            for (number, (normal, offset)) in planes.iter().enumerate() {
+                arrangement.cut(normal, offset + by * (plastic(number).0 - 0.5))?;
+            }
+            Some(arrangement)
+        };
+        moved(0.0).or_else(|| moved(APART * reach))
+    }
+
     /// The cube of half side `reach` about `centre`, uncut.
     pub fn cube(centre: &Point, reach: f64) -> Arrangement {
         let corner = |i: usize| {
@@ -181,15 +205,14 @@ impl Arrangement {
     }
 
     /// How far `point`, projected into the facet's plane of this unit normal, lies inside the facet:
-    /// the distance to its nearest side, negative outside it, metres.
+    /// the distance to its nearest side, negative outside it, metres; −∞ where rounding alone made the facet.
     pub fn clearance(&self, facet: &Facet, normal: &Point, point: &Point) -> f64 {
         let corners: Vec<Point> = self.corners(facet).collect();
-        (0..corners.len())
-            .filter_map(|i| {
-                let (a, b) = (corners[i], corners[(i + 1) % corners.len()]);
-                Some(normal.cross(&(b - a)).try_normalize(1e-12)?.dot(&(point - a)))
-            })
-            .fold(f64::INFINITY, f64::min)
+        let clear = (0..corners.len()).filter_map(|i| {
+            let (a, b) = (corners[i], corners[(i + 1) % corners.len()]);
+            Some(normal.cross(&(b - a)).try_normalize(NO_EDGE)?.dot(&(point - a)))
+        });
+        clear.min_by(f64::total_cmp).unwrap_or(f64::NEG_INFINITY)
     }
 
     /// The mean of a cell's corners, which is inside it.
@@ -213,18 +236,25 @@ impl Arrangement {
             (corners[1] - corners[0]).cross(&(corners[2] - corners[1])).dot(&(point - corners[0]))
                 <= 0.0
         });
-        let sides: Vec<bool> = self.planes.iter().map(|(n, rho)| n.dot(point) > *rho).collect();
-        (0..self.cells.len()).filter(|_| inside_box).find(|c| {
-            let middle = centre(&self.cells[*c]);
-            let same = self.planes.iter().zip(&sides);
-            same.fold(true, |all, ((n, rho), side)| all && (n.dot(&middle) > *rho) == *side)
-        })
+        // How far a cell's middle is beyond the plane that it is least far beyond, on the point's side of each: of
+        // cells that rounding alone made it is nowhere.
+        let depth = |cell: &usize| {
+            let middle = centre(&self.cells[*cell]);
+            let beyond = self.planes.iter().map(|(n, rho)| {
+                (n.dot(&middle) - rho) * if n.dot(point) > *rho { 1.0 } else { -1.0 }
+            });
+            beyond.min_by(f64::total_cmp).unwrap_or(f64::INFINITY)
+        };
+        let depths = (0..self.cells.len()).filter(|_| inside_box).map(|cell| (depth(&cell), cell));
+        let deepest = depths.max_by(|a, b| a.0.total_cmp(&b.0));
+        deepest.filter(|(depth, _)| *depth >= 0.0).map(|(_, cell)| cell)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Rotation3;
     use proptest::prelude::*;
 
     fn volume(a: &Arrangement, cell: usize) -> f64 {
@@ -255,6 +285,35 @@ mod tests {
     }
 
     proptest! {
+        /// Sides of a pyramid meet in its tip, but for rounding: the cells are closed, and the pyramid is one of them.
+        #[test]
+        fn many_planes_may_meet_in_a_point(
+            count in 4usize..10,
+            tip in prop::array::uniform3(-0.2f64..0.2),
+            turn in prop::array::uniform3(-2.0f64..2.0),
+            points in prop::collection::vec(prop::array::uniform3(-0.9f64..0.9), 9),
+        ) {
+            let (tip, turn) = (Point::from(tip), Rotation3::new(Point::from(turn)));
+            let step = std::f64::consts::TAU / count as f64;
+            let angles = (0..count).map(|k| k as f64 * step);
+            let sides = angles.map(|angle| Point::new(angle.cos(), angle.sin(), 0.6).normalize());
+            let mut planes: Vec<(Point, f64)> =
+                sides.map(|out| turn * out).map(|out| (out, out.dot(&tip))).collect();
+            let down = turn * -Point::z();
+            planes.push((down, down.dot(&tip) + 0.4));
+            let a = Arrangement::of(&Point::zeros(), 1.0, &planes).unwrap();
+            let volumes: Vec<f64> = (0..a.cells.len()).map(|cell| volume(&a, cell)).collect();
+            prop_assert!((volumes.iter().sum::<f64>() - 8.0).abs() < 1e-9);
+            let pyramid = a.cell_at(&(tip + down * 0.39)).unwrap();
+            let base = count as f64 * 0.24f64.powi(2) * (step / 2.0).tan();
+            prop_assert!((volumes[pyramid] - base * 0.4 / 3.0).abs() < 1e-7);
+            prop_assert_eq!(a.cell_at(&(tip + down * 1e-3)), Some(pyramid));
+            // None is in what rounding made.
+            for point in points {
+                prop_assert!(volumes[a.cell_at(&Point::from(point)).unwrap()] > 1e-9);
+            }
+        }
+
         /// Cells fill the cube, every facet has its cells on its two sides, and every cell is closed.
         #[test]
         fn cells_fill_the_cube(

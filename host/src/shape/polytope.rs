@@ -133,10 +133,8 @@ fn built(
     if planes.len() > MOST_PLANES {
         return None;
     }
-    let mut arrangement = Arrangement::cube(&centre, reach);
-    for plane in &planes {
-        arrangement.cut(&plane.normal, plane.offset)?;
-    }
+    let cuts: Vec<(Point, f64)> = planes.iter().map(|plane| (plane.normal, plane.offset)).collect();
+    let arrangement = Arrangement::of(&centre, reach, &cuts)?;
     let scene = Scene { faces, planes: &planes, contacts, arrangement: &arrangement };
     let inside = inside(&scene)?;
     let mut sides: Vec<Side> = Vec::new();

@@ -1,4 +1,5 @@
 use super::*;
+use nalgebra::Rotation3;
 use proptest::prelude::*;
 
 const ELL: [[f64; 2]; 6] =
@@ -108,6 +109,32 @@ fn solids_are_closed_and_exact_whether_convex_or_not() {
         assert_eq!(mesh.triangles().len(), 2 * corners - 4);
         assert_eq!(polytope.deviations.len(), corners);
         assert!(contacts.iter().all(|c| mesh.distance(&c.point) < 1e-9));
+    }
+}
+
+#[test]
+fn sides_that_meet_in_one_point_are_closed() {
+    for count in 3..9 {
+        let turn = Rotation3::new(Point::new(0.3, -0.5, 0.2) * f64::from(count));
+        let (tip, step) = (Point::new(0.0, 0.0, 0.1), std::f64::consts::TAU / f64::from(count));
+        let corner = |k: i32| {
+            let angle = step * f64::from(k);
+            Point::new(angle.cos(), angle.sin(), 0.0) * 0.06
+        };
+        let mut contacts = Vec::new();
+        for k in 0..count {
+            let [a, b] = [corner(k), corner(k + 1)];
+            let out = (b - a).cross(&(tip - a)).normalize();
+            for [s, t] in [[0.2, 0.2], [0.6, 0.2], [0.2, 0.6], [0.35, 0.35], [0.1, 0.1]] {
+                let side = contact(turn * (tip + (a - tip) * s + (b - tip) * t), turn * out);
+                let base = contact(turn * (a * s + b * t), turn * -Point::z());
+                contacts.extend([side, base]);
+            }
+        }
+        let polytope = shape(3, &contacts, false).unwrap();
+        let base = 0.5 * f64::from(count) * 0.06f64.powi(2) * step.sin();
+        let volume = spatial(&polytope).volume();
+        assert!((volume / (base * 0.1 / 3.0) - 1.0).abs() < 1e-6, "{count}: {volume}");
     }
 }
 
