@@ -67,6 +67,17 @@ pub struct Noise {
     pub rotation: Option<f64>,
 }
 
+impl Noise {
+    /// The least that models take of points, so that contacts without errors make nothing singular: 0.1 mm.
+    pub const LEAST_POINT: f64 = 1e-4;
+    /// Of normals: 0.5°, in radians.
+    pub const LEAST_NORMAL: f64 = 0.0087;
+    /// Of translations, so that particles differ: 0.1 mm.
+    pub const LEAST_TRANSLATION: f64 = 1e-4;
+    /// Of rotations: 0.06°, in radians.
+    pub const LEAST_ROTATION: f64 = 1e-3;
+}
+
 /// The true shape in the object frame, as the header names it.
 #[derive(Clone, Debug, PartialEq)]
 pub enum TrueShape {

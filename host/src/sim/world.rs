@@ -381,14 +381,14 @@ fn measured(
     (point + shift, turned.normalize())
 }
 
-/// What the header says: only what there is.
+/// What the header says: where there are no errors the least that models take, for what it does not say may be usual.
 pub(super) fn stated(options: &Options) -> Noise {
-    let some = |x: f64| (x > 0.0).then_some(x);
+    let (contact, motion) = (options.contact_noise, options.motion_noise);
     Noise {
-        point: some(options.contact_noise.length),
-        normal: some(options.contact_noise.angle),
-        translation: some(options.motion_noise.length),
-        rotation: some(options.motion_noise.angle),
+        point: Some(contact.length.max(Noise::LEAST_POINT)),
+        normal: Some(contact.angle.max(Noise::LEAST_NORMAL)),
+        translation: Some(motion.length.max(Noise::LEAST_TRANSLATION)),
+        rotation: Some(motion.angle.max(Noise::LEAST_ROTATION)),
     }
 }
 

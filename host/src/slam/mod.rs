@@ -32,21 +32,16 @@ pub const POINT_DEVIATION: f64 = 1e-3;
 /// Standard deviation of a normal where the log does not say: 5° (thesis 3.4), radians.
 pub const NORMAL_DEVIATION: f64 = 0.0873;
 
-/// Least standard deviations a model is given, so that noise-free logs do not make it singular:
-/// 0.1 mm and 0.5°.
-const LEAST_POINT_DEVIATION: f64 = 1e-4;
-const LEAST_NORMAL_DEVIATION: f64 = 0.0087;
-
 /// What the models assume of one contact: deviations of the point (metres) and of the normal
 /// (radians).
 pub fn deviations(contact: &LoggedContact, noise: &Noise) -> (f64, f64) {
     let (point, normal) = usual_deviations(noise);
-    (point, contact.normal_noise.map_or(normal, |n| n.max(LEAST_NORMAL_DEVIATION)))
+    (point, contact.normal_noise.map_or(normal, |n| n.max(Noise::LEAST_NORMAL)))
 }
 
 /// The same for a contact that says nothing of its own.
 pub fn usual_deviations(noise: &Noise) -> (f64, f64) {
     let point = noise.point.unwrap_or(POINT_DEVIATION);
     let normal = noise.normal.unwrap_or(NORMAL_DEVIATION);
-    (point.max(LEAST_POINT_DEVIATION), normal.max(LEAST_NORMAL_DEVIATION))
+    (point.max(Noise::LEAST_POINT), normal.max(Noise::LEAST_NORMAL))
 }

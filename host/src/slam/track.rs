@@ -127,13 +127,15 @@ pub fn truth(log: &GraspLog) -> Result<Vec<Step>, NoTruth> {
         .collect()
 }
 
-/// The filter's settings for a log: its motion noise where it says, else the thesis' 100 %, and no
-/// less than 0.1 mm and 0.05° so that the particles differ.
+/// The filter's settings for a log: its motion noise where it says, but no less than what makes particles differ, else
+/// the thesis' 100 %.
 pub fn settings(log: &GraspLog, seed: u64) -> Settings {
     let thesis = MotionNoise::THESIS;
+    let said = |noise: Option<f64>, least: f64| noise.map(|noise| noise.max(least) as f32);
     let motion = MotionNoise {
-        translation: log.noise.translation.map_or(thesis.translation, |t| t.max(1e-4) as f32),
-        rotation: log.noise.rotation.map_or(thesis.rotation, |r| r.max(1e-3) as f32),
+        translation: said(log.noise.translation, Noise::LEAST_TRANSLATION)
+            .unwrap_or(thesis.translation),
+        rotation: said(log.noise.rotation, Noise::LEAST_ROTATION).unwrap_or(thesis.rotation),
     };
     Settings { motion, seed, ..Settings::DEFAULT }
 }

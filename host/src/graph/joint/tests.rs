@@ -308,6 +308,7 @@ fn what_contradicts_the_shape_is_part_of_the_cost() {
 #[test]
 fn grasps_that_felt_nothing_are_bridged() {
     let mut log = exact("triangle:0.06", 8);
+    (log.noise.translation, log.noise.rotation) = (Some(0.01), Some(0.35));
     log.grasps[3].contacts.clear();
     log.grasps[7].contacts.clear();
     let corrected = planes(&log, &[&displaced(&log, 2e-3)], PLAIN).unwrap();
