@@ -68,11 +68,11 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// The least that models take of points, so that contacts without errors make nothing singular: 0.1 mm.
+    /// The least that models take of points, so that contacts without errors make nothing singular: 0.1 mm, in metres.
     pub const LEAST_POINT: f64 = 1e-4;
     /// Of normals: 0.5°, in radians.
     pub const LEAST_NORMAL: f64 = 0.0087;
-    /// Of translations, so that particles differ: 0.1 mm.
+    /// Of translations, so that particles differ: 0.1 mm, in metres.
     pub const LEAST_TRANSLATION: f64 = 1e-4;
     /// Of rotations: 0.06°, in radians.
     pub const LEAST_ROTATION: f64 = 1e-3;

@@ -2,7 +2,8 @@
 //!
 //! Every plane goes right through, so facets of neighbouring cells are the same facets and any union
 //! of cells has a closed surface. A vertex is on one side of a plane or the other, never on it, and
-//! each edge is cut once for all cells along it: the combinatorics hold whatever rounding does.
+//! each edge is cut once for all cells along it: the combinatorics hold whatever rounding does, but where so many
+//! planes meet in a point that it puts corners of one facet on wrong sides ([`Arrangement::of`] mends that).
 
 use std::collections::{BTreeSet, HashMap};
 
