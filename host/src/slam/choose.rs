@@ -3,8 +3,8 @@
 
 mod wild;
 
-pub(super) use wild::often;
 pub use wild::trusted;
+pub(super) use wild::{directions, faces_along, often};
 
 use crate::reference::body::Body;
 use crate::reference::faces::{Face, Faces, Owner};

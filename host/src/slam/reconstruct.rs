@@ -233,8 +233,13 @@ pub fn shape(
         let felt = Felt { contacts, all: contacts, free };
         return shape_of(dimension, felt, &none, poses, choice, progress);
     }
-    let trusted = only(contacts, &sift::beside_faces(dimension, contacts, &outside(free)));
-    let felt = Felt { contacts: &trusted, all: contacts, free };
+    let outside = outside(free);
+    let all = match sift::beside_convex(dimension, contacts, &outside) {
+        Some(convex) => only(contacts, &convex),
+        None => contacts.to_vec(),
+    };
+    let trusted = only(&all, &sift::beside_faces(dimension, &all, &outside));
+    let felt = Felt { contacts: &trusted, all: &all, free };
     shape_of(dimension, felt, &none, poses, choice, progress)
 }
 

@@ -12,6 +12,10 @@ use crate::reference::notched::Found;
 use crate::reference::{Contact, Faces, Mean, Prior};
 use crate::space::Point;
 
+mod convex;
+
+pub use convex::beside_convex;
+
 /// χ² of a contact on the body, with what no body fits exactly, from which on it is wild.
 const STRANGE: f64 = 16.0;
 
@@ -57,30 +61,47 @@ pub fn beside_faces(dimension: usize, contacts: &[Contact], free: &[Point]) -> V
 /// such as the inner sides of an L, and none is left out.
 pub fn trusted(dimension: usize, contacts: &[Contact]) -> Vec<bool> {
     let all = vec![true; contacts.len()];
-    let Some(Prior::Ball { radius, .. }) = Prior::fitted(contacts) else { return all };
-    let mut trusted = all.clone();
+    let round = |own: &[Contact], faces: Option<&Faces>| rounds(dimension, own, faces).collect();
+    beside_body(dimension, contacts, all.clone(), round, explains).unwrap_or(all)
+}
+
+/// The same from these on that are `trusted`, of these bodies; `None` where none that many contacts measured `fits`
+/// all but few.
+fn beside_body(
+    dimension: usize,
+    contacts: &[Contact],
+    mut trusted: Vec<bool>,
+    bodies: impl Fn(&[Contact], Option<&Faces>) -> Vec<Body>,
+    fits: impl Fn(&Body) -> bool,
+) -> Option<Vec<bool>> {
+    let Some(Prior::Ball { radius, .. }) = Prior::fitted(&only(contacts, &trusted)) else {
+        return None;
+    };
     for _ in 0..ROUNDS {
         let own = only(contacts, &trusted);
         let faces = Faces::fit(dimension, &own);
-        let bodies = rounds(dimension, &own, faces.as_ref());
-        let judged = bodies.map(|body| (strangeness(&body, radius, contacts), body));
+        let known = bodies(&own, faces.as_ref()).into_iter();
+        let known = known.filter(|body| is_known(dimension, body, &own));
+        let judged = known.map(|body| (strangeness(&body, radius, contacts), body));
         let robust = |all: &[f64]| all.iter().map(|one| one.min(STRANGE)).sum::<f64>();
-        let best = judged.min_by(|a, b| robust(&a.0).total_cmp(&robust(&b.0)));
-        let Some((strange, body)) = best else { return all };
+        let (strange, body) = judged.min_by(|a, b| robust(&a.0).total_cmp(&robust(&b.0)))?;
         let of_trusted = strange.iter().zip(&trusted).filter(|(_, trusted)| **trusted);
         let worst = of_trusted.map(|(strange, _)| *strange).fold(0.0, f64::max);
         let least = STRANGE.max(NEARLY * worst);
         let next: Vec<bool> = strange.iter().map(|strange| *strange <= least).collect();
         if next == trusted {
-            let others: Vec<bool> = trusted.iter().map(|trusted| !trusted).collect();
-            let others = only(contacts, &others);
-            let few = others.len() as f64 <= WILD * contacts.len() as f64;
-            let are_wild = few && is_known(dimension, &body, &own) && !is_part(&others, radius);
-            return if are_wild { trusted } else { all };
+            return (fits(&body) && are_few(&trusted, contacts, radius)).then_some(trusted);
         }
         trusted = next;
     }
-    all
+    None
+}
+
+/// Whether few are not trusted, most of which agree with no other.
+fn are_few(trusted: &[bool], contacts: &[Contact], radius: f64) -> bool {
+    let others: Vec<bool> = trusted.iter().map(|trusted| !trusted).collect();
+    let others = only(contacts, &others);
+    others.len() as f64 <= WILD * contacts.len() as f64 && !is_part(&others, radius)
 }
 
 /// The box less smaller boxes that explains most of many contacts, and which: all but few, most of which agree with no
@@ -88,15 +109,14 @@ pub fn trusted(dimension: usize, contacts: &[Contact]) -> Vec<bool> {
 pub fn boxes(dimension: usize, contacts: &[Contact], free: &[Point]) -> Option<(Found, Vec<bool>)> {
     let Some(Prior::Ball { radius, .. }) = Prior::fitted(contacts) else { return None };
     let (found, trusted) = Found::among_wild(dimension, contacts, free, WILD)?;
-    let others: Vec<bool> = trusted.iter().map(|trusted| !trusted).collect();
-    (!is_part(&only(contacts, &others), radius)).then_some((found, trusted))
+    are_few(&trusted, contacts, radius).then_some((found, trusted))
 }
 
-/// Whether the body of these contacts is to be believed against others.
+/// Whether many contacts measured each number of a body of theirs, so that it may contradict others.
 fn is_known(dimension: usize, body: &Body, contacts: &[Contact]) -> bool {
     let numbers = |c: &Contact| if c.normal.is_some() { dimension } else { 1 };
     let measured = contacts.iter().map(numbers).sum::<usize>() as f64;
-    explains(body) && measured >= DECIDED * (measured - body.degrees())
+    measured >= DECIDED * (measured - body.degrees())
 }
 
 /// Whether most of these contacts agree with another of them.

@@ -63,7 +63,7 @@ pub(in crate::slam) fn often(contacts: &[Contact], sides: usize) -> bool {
 }
 
 /// Those along the normals of sides that were felt more than by chance, and square to two of them.
-fn directions(faces: &Faces) -> Vec<Point> {
+pub(in crate::slam) fn directions(faces: &Faces) -> Vec<Point> {
     let felt = faces.faces.iter().filter(|face| face.contacts > PAIR);
     let normals: Vec<Point> = felt.map(|face| face.normal).collect();
     let others = if faces.dimension == 2 { vec![Point::z()] } else { normals.clone() };
@@ -73,7 +73,7 @@ fn directions(faces: &Faces) -> Vec<Point> {
 }
 
 /// Whether the contact faces along one of these, to either side.
-fn faces_along(contact: &Contact, directions: &[Point]) -> bool {
+pub(in crate::slam) fn faces_along(contact: &Contact, directions: &[Point]) -> bool {
     let Some(normal) = contact.normal else { return false };
     let aside = ASIDE * contact.normal_deviation.max(LEAST);
     directions.iter().any(|direction| direction.cross(&normal).norm() < aside)
