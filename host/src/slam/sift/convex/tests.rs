@@ -1,0 +1,133 @@
+use super::*;
+use crate::shape::{align, metrics};
+use crate::sim::ObjectSpec;
+use crate::slam::choose::Choice;
+use crate::slam::fit::tests::touched;
+use crate::slam::reconstruct::{Poses, shape};
+
+/// Faces none of its objects' sides.
+const SKEW: [f64; 3] = [0.48, 0.64, 0.6];
+
+/// As many contacts of an object, and then one in its middle, one beside it and one inside, whose normals are skew.
+fn with_wild(object: &str, contacts: usize, seed: u64) -> (usize, Vec<Contact>) {
+    let (dimension, mut contacts, _) = touched(object, contacts, seed);
+    let skew = match dimension {
+        2 => Point::new(SKEW[0], SKEW[1], 0.0).normalize(),
+        _ => Point::from(SKEW),
+    };
+    let middle = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len() as f64;
+    let [first, second] = [contacts[0], contacts[1]];
+    let beside = first.point + first.normal.unwrap_or(skew) * 0.025;
+    for (point, normal) in [(middle, skew), (beside, -skew)] {
+        contacts.push(Contact { point, normal: Some(normal), ..first });
+    }
+    let across = Point::new(skew.y, -skew.x, skew.z);
+    contacts.push(Contact { point: (middle + second.point) / 2.0, normal: Some(across), ..first });
+    (dimension, contacts)
+}
+
+#[test]
+fn what_contradicts_a_convex_object_is_found_among_few_contacts() {
+    for (object, few) in [
+        ("rectangle:0.1x0.06", 16),
+        ("hexagon:0.045", 16),
+        ("ellipse:0.1x0.06", 20),
+        ("sphere:0.06", 14),
+        ("cylinder:0.06x0.1", 24),
+        ("pyramid:0.06,ngon:5,0.04", 24),
+        // No body has these sides.
+        ("corners:-0.05x-0.03,0.06x-0.03,-0.05x0.05", 24),
+    ] {
+        let (mut found, mut lost) = (0, 0);
+        for seed in 0..4 {
+            let (dimension, contacts) = with_wild(object, few, seed);
+            let trusted = beside_convex(dimension, &contacts, &[]).unwrap_or(vec![true; few]);
+            found += usize::from(trusted.ends_with(&[false; 3]));
+            lost += trusted[..few].iter().filter(|trusted| !**trusted).count();
+        }
+        // A wild one may face as a box's side does.
+        assert!(found >= 3 && lost <= 2, "{object}: {found}, {lost}");
+    }
+}
+
+#[test]
+fn a_box_is_a_box_beside_wild_contacts() {
+    let object = "box:0.11x0.075x0.055";
+    for seed in 0..3 {
+        let (dimension, contacts) = with_wild(object, 20, seed);
+        let (poses, auto) = (Poses::Known, Choice::Auto);
+        let made = shape(dimension, &contacts, &[], poses, auto, &|_, _| {}).unwrap();
+        let truth = object.parse::<ObjectSpec>().unwrap().geometry().unwrap();
+        let aligned = align::align(&made.geometry, &truth);
+        let error = metrics::compare_at(&made.geometry, &aligned, &truth).unwrap().hausdorff;
+        assert!(error < 5e-3, "{seed}: {error}");
+    }
+}
+
+#[test]
+fn a_notch_of_a_box_that_was_felt_once_is_not_wild() {
+    let (dimension, mut contacts, _) = touched("rectangle:0.1x0.06", 20, 0);
+    let notch = Contact {
+        point: Point::new(0.02, 0.02, 0.0),
+        normal: Some(Point::new(1.0, 0.0, 0.0)),
+        ..contacts[0]
+    };
+    contacts.push(notch);
+    assert!(beside_convex(dimension, &contacts, &[]).is_none());
+    contacts[20].normal = Some(Point::new(0.8, 0.6, 0.0));
+    let trusted = beside_convex(dimension, &contacts, &[]).unwrap();
+    assert!(!trusted[20] && trusted[..20].iter().all(|trusted| *trusted));
+}
+
+#[test]
+fn a_side_that_two_contacts_felt_is_none_of_few_wild_ones() {
+    for object in ["triangle:0.055", "corners:-0.05x-0.03,0.06x-0.03,-0.05x0.05"] {
+        let (dimension, mut contacts, _) = touched(object, 24, 0);
+        let normal = Some(Point::new(0.6, 0.8, 0.0));
+        contacts.push(Contact { point: Point::zeros(), normal, ..contacts[0] });
+        let trusted = beside_convex(dimension, &contacts, &[]).unwrap();
+        assert!(!trusted[24] && trusted[..24].iter().filter(|t| !**t).count() <= 1, "{object}");
+        let beside = Point::new(0.008, -0.006, 0.0);
+        contacts.push(Contact { point: beside, normal, ..contacts[0] });
+        assert!(beside_convex(dimension, &contacts, &[]).is_none(), "{object}");
+    }
+}
+
+#[test]
+fn objects_without_wild_contacts_keep_all() {
+    for object in ["ellipse:0.1x0.06", "hexagon:0.045", "box:0.1x0.06x0.05", "sphere:0.06"] {
+        for seed in 0..3 {
+            let (dimension, contacts, _) = touched(object, 40, seed);
+            assert!(beside_convex(dimension, &contacts, &[]).is_none(), "{object} {seed}");
+        }
+    }
+    let hollow = ["lshape:0.09x0.09x0.035", "tshape:0.1x0.08x0.03"];
+    for object in
+        hollow.iter().chain(&["lshape:0.09x0.09x0.035x0.05", "tshape:0.09x0.09x0.03x0.05"])
+    {
+        for (seed, few) in [10, 15, 20, 40].into_iter().enumerate() {
+            let (dimension, contacts, _) = touched(object, few, seed as u64);
+            assert!(beside_convex(dimension, &contacts, &[]).is_none(), "{object} {few}");
+        }
+    }
+}
+
+#[test]
+fn many_that_contradict_or_too_few_contacts_say_nothing() {
+    let one_wild = |object: &str, few: usize| {
+        let (dimension, contacts) = with_wild(object, few, 0);
+        beside_convex(dimension, &contacts[..=few], &[])
+    };
+    let [box_, triangle] = ["box:0.11x0.075x0.055", "corners:-0.05x-0.03,0.06x-0.03,-0.05x0.05"];
+    assert!(one_wild(box_, 8).is_none() && one_wild(box_, 20).is_some());
+    assert!(one_wild(triangle, 10).is_none() && one_wild(triangle, 24).is_some());
+    let (dimension, contacts) = with_wild(box_, 20, 0);
+    let many = [&contacts[..20], &contacts[20..].repeat(3)].concat();
+    assert!(beside_convex(dimension, &many, &[]).is_none());
+    for few in [0, 1] {
+        assert!(beside_convex(dimension, &contacts[..few], &[]).is_none());
+    }
+    // Contacts without normals contradict nothing.
+    let bare: Vec<Contact> = contacts.iter().map(|c| Contact { normal: None, ..*c }).collect();
+    assert!(beside_convex(dimension, &bare, &[]).is_none());
+}
