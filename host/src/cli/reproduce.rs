@@ -12,6 +12,7 @@ use crate::cli::terminal::{note, say};
 use crate::experiment::chapter2::{self, FIGURES};
 use crate::experiment::exploration::{Among, Goal};
 use crate::experiment::figure::{Drawn, FigureError};
+use crate::experiment::model::Model;
 use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{
     calibration, chapter3, chapter4, data, exploration, graphs, localization, memory, outliers,
@@ -65,7 +66,7 @@ impl ReproduceArgs {
 )]
 struct PartArgs {
     /// Only objects (of mujoco: recordings, of pose-graphs: graphs) whose name holds this, such as ycb/ or
-    /// box; or, of shapes and tracking, any object as in simulate
+    /// box; or, of shapes and tracking, any object as in simulate, also random:2,SEED or random:3,SEED
     #[arg(long, value_name = "OBJECT")]
     object: Vec<String>,
     /// The first seed [default: 0]
@@ -79,6 +80,9 @@ struct PartArgs {
     #[arg(long, value_name = "N", value_delimiter = ',',
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1024))]
     contacts: Vec<usize>,
+    /// Of shapes: only these models, and auto [default: all]
+    #[arg(long, value_name = "MODEL", value_delimiter = ',', value_parser = shapes::model)]
+    model: Vec<Model>,
     /// Of tracking and mujoco: only these trackers; oracle (true poses), batch (the joint graph from those), bound
     /// and odometry (none but the hand's) too; of table-4.3 and solids-moving: this one instead of those that suit the objects
     #[arg(long, value_name = "TRACKER")]
@@ -87,7 +91,7 @@ struct PartArgs {
     /// table-4.3 planes]
     #[arg(long, value_enum)]
     graph: Option<graph::Kind>,
-    /// Of tracking: which part of the contacts is wild [default: 0]; of pose-graph-outliers: only this
+    /// Of shapes and tracking: which part of the contacts is wild [default: 0]; of pose-graph-outliers: only this
     /// part of the closures false, at random and in groups [default: 0.1, 0.3 and 0.5]
     #[arg(long, value_name = "PART")]
     outliers: Option<f64>,
@@ -138,13 +142,14 @@ impl PartArgs {
             SOLIDS[2],
             PLANNING,
         ];
-        const SPOILED: &[&str] = &[TRACKING, CONSISTENCY, POSE_GRAPH_OUTLIERS];
+        const SPOILED: &[&str] = &[SHAPES, TRACKING, CONSISTENCY, POSE_GRAPH_OUTLIERS];
         const CORRECTED: &[&str] = &[TRACKING, MUJOCO, EXPLORATION[1]];
-        let options: [(_, &'static [&'static str], bool); 11] = [
+        let options: [(_, &'static [&'static str], bool); 12] = [
             ("--object", ALL, !self.object.is_empty()),
             ("--first-seed", COMPARISONS, self.first_seed.is_some()),
             ("--noise", NOISY, self.noise.is_some()),
             ("--contacts", &[SHAPES], !self.contacts.is_empty()),
+            ("--model", &[SHAPES], !self.model.is_empty()),
             ("--tracker", TRACKERS, !self.tracker.is_empty()),
             ("--graph", CORRECTED, self.graph.is_some()),
             ("--outliers", SPOILED, self.outliers.is_some()),
@@ -319,7 +324,7 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
 
 /// The comparison of all models, row by row as they are done.
 fn compare_shapes(args: &ReproduceArgs) -> Result<(), Error> {
-    let PartArgs { object, contacts, noise, first_seed, .. } = &args.part;
+    let PartArgs { object, contacts, model, noise, first_seed, outliers, .. } = &args.part;
     let noise = match noise {
         Some(text) => {
             quantity::deviation(text).map_err(|e| Error::input(format!("--noise: {e}")))?
@@ -329,11 +334,13 @@ fn compare_shapes(args: &ReproduceArgs) -> Result<(), Error> {
     let selection = shapes::Selection {
         objects: object.clone(),
         contacts: contacts.clone(),
+        models: model.clone(),
         noise,
+        outliers: outliers.unwrap_or(0.0),
         seeds: args.seeds(),
         first_seed: first_seed.unwrap_or(0),
     };
-    let rows = watch(args, shapes::heading());
+    let rows = watch(args, shapes::heading(&selection));
     let table = shapes::run(data().as_deref(), &selection, rows).map_err(Error::input)?;
     conclude(args, &Outcome::pictured(SHAPES, &table, table.picture())?)
 }

@@ -1,6 +1,7 @@
 //! How often something succeeded, and how sure that is.
 
 use std::fmt;
+use std::iter::Sum;
 
 use serde::Serialize;
 
@@ -35,6 +36,15 @@ impl Proportion {
         let middle = scale * (p + Z * Z / (2.0 * n));
         let half = scale * Z * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
         ((middle - half).max(0.0), (middle + half).min(1.0))
+    }
+}
+
+impl Sum for Proportion {
+    fn sum<I: Iterator<Item = Proportion>>(all: I) -> Proportion {
+        all.fold(Proportion { successes: 0, of: 0 }, |sum, one| Proportion {
+            successes: sum.successes + one.successes,
+            of: sum.of + one.of,
+        })
     }
 }
 

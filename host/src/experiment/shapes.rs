@@ -63,12 +63,42 @@ pub struct Selection {
     pub objects: Vec<String>,
     /// Only these numbers of contacts; the usual ones where empty.
     pub contacts: Vec<usize>,
+    /// Only these models, and [`Model::Auto`], in the table's order; all where empty.
+    pub models: Vec<Model>,
     /// Of contact points and normals.
     pub noise: Deviation,
+    /// Which part of the contacts is wild, 0 to 1.
+    pub outliers: f64,
     /// Runs of each case.
     pub seeds: u64,
     /// The first of the seeds.
     pub first_seed: u64,
+}
+
+impl Selection {
+    fn models(&self) -> Vec<Model> {
+        let is_wanted =
+            |m: &Model| self.models.is_empty() || *m == Model::Auto || self.models.contains(m);
+        MODELS.into_iter().filter(is_wanted).collect()
+    }
+}
+
+/// No model of the comparison has that name.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("expected {}", MODELS.map(option).join(", "))]
+pub struct UnknownModel;
+
+/// The model that the command line calls so.
+///
+/// # Errors
+/// When there is none.
+pub fn model(text: &str) -> Result<Model, UnknownModel> {
+    MODELS.into_iter().find(|m| option(*m) == text).ok_or(UnknownModel)
+}
+
+/// A model's name in lower case without spaces.
+fn option(model: Model) -> String {
+    model.name().to_ascii_lowercase().replace(' ', "-")
 }
 
 /// One model's distances from the truth on one row.
@@ -112,6 +142,8 @@ pub struct Comparison {
     pub title: String,
     /// One per case.
     pub rows: Vec<Row>,
+    /// Over these rows, spreads of their medians; `None` of a single one.
+    pub overall: Option<Row>,
     /// What was left out and why.
     pub skipped: Vec<String>,
 }
@@ -145,12 +177,17 @@ pub fn run(
             rows.push(row);
         }
     }
-    let Selection { noise, seeds, first_seed, .. } = selection;
+    let Selection { noise, outliers, seeds, first_seed, .. } = selection;
+    let wild = match outliers {
+        0.0 => String::new(),
+        part => format!(", {:.0} % wild", 100.0 * part),
+    };
     let title = format!(
-        "Shapes at known poses, uniform contacts, noise {noise}, seeds {first_seed} to {}",
+        "Shapes at known poses, uniform contacts, noise {noise}{wild}, seeds {first_seed} to {}",
         (first_seed + seeds).saturating_sub(1)
     );
-    Ok(Comparison { title, rows, skipped })
+    let overall = (rows.len() > 1).then(|| overall(&rows, &selection.models()));
+    Ok(Comparison { title, rows, overall, skipped })
 }
 
 fn cases(data: Option<&Path>, wanted: &[String]) -> Result<(Vec<Case>, Vec<String>), SimError> {
@@ -204,15 +241,17 @@ fn compare(
         contacts,
         touch: Touch::Uniform,
         contact_noise: selection.noise,
+        outliers: selection.outliers,
         ..Options::new(case.spec.clone())
     };
     let seeds = selection.first_seed..selection.first_seed.saturating_add(selection.seeds);
+    let models = selection.models();
     let runs: Vec<Run> = seeds
         .into_par_iter()
-        .map(|seed| one(truth, &Options { seed, ..options.clone() }))
+        .map(|seed| one(truth, &models, &Options { seed, ..options.clone() }))
         .collect::<Result<_, _>>()?;
-    let auto = MODELS.iter().position(|m| *m == Model::Auto);
-    let cells = MODELS.iter().enumerate().map(|(i, model)| {
+    let auto = models.iter().position(|m| *m == Model::Auto);
+    let cells = models.iter().enumerate().map(|(i, model)| {
         let closer = |r: &Run| Some(r.distances[auto?]?.hausdorff < r.distances[i]?.hausdorff);
         let got: Vec<_> = runs.iter().filter_map(|r| r.distances[i]).collect();
         let spread = |f: fn(&metrics::Distances) -> f64| Spread::of(got.iter().map(|d| 1e3 * f(d)));
@@ -236,8 +275,34 @@ fn compare(
     })
 }
 
-/// One simulation, and every model on the same contacts.
-fn one(truth: &Geometry, options: &Options) -> Result<Run, SimError> {
+/// What the rows have in common: how each model does on objects of all kinds.
+fn overall(rows: &[Row], models: &[Model]) -> Row {
+    let cells = models.iter().map(|model| {
+        let cells = || rows.iter().filter_map(|row| row.cell(model.name()));
+        let medians = |spread: fn(&Cell) -> Option<Spread>| {
+            Spread::of(cells().filter_map(spread).map(|s| s.median))
+        };
+        Cell {
+            model: model.name(),
+            runs: cells().fold((0, 0), |sum, c| (sum.0 + c.runs.0, sum.1 + c.runs.1)),
+            hausdorff_mm: medians(|c| c.hausdorff_mm),
+            mean_mm: medians(|c| c.mean_mm),
+            rms_mm: medians(|c| c.rms_mm),
+            auto_closer: cells().map(|c| c.auto_closer).sum(),
+        }
+    });
+    let chosen: Vec<f64> = rows.iter().filter_map(|r| r.chosen).collect();
+    Row {
+        object: format!("all {} rows", rows.len()),
+        contacts: rows.iter().map(|r| r.contacts).sum(),
+        cells: cells.collect(),
+        chosen: (!chosen.is_empty()).then(|| chosen.iter().sum::<f64>() / chosen.len() as f64),
+        seconds: rows.iter().map(|r| r.seconds).sum(),
+    }
+}
+
+/// One simulation, and the models on the same contacts.
+fn one(truth: &Geometry, models: &[Model], options: &Options) -> Result<Run, SimError> {
     let simulation = simulate(options)?;
     let dimension = simulation.log.dimension;
     let steps = track::truth(&simulation.log).unwrap_or_default();
@@ -258,7 +323,7 @@ fn one(truth: &Geometry, options: &Options) -> Result<Run, SimError> {
     .ok();
     let chosen = auto.as_ref().map(|auto| auto.model.name() != Model::Gp.name());
     let auto = judge(auto.map(|auto| auto.geometry));
-    let distances = MODELS.iter().map(|model| match model {
+    let distances = models.iter().map(|model| match model {
         Model::Auto => auto,
         // The same surface again.
         Model::Gp if chosen == Some(false) => auto,
@@ -293,6 +358,19 @@ impl Row {
 const EQUAL: f64 = 0.01;
 
 impl Comparison {
+    /// Of each model, the mean of the rows' medians: what rows cost on which a model fails.
+    fn means(&self) -> String {
+        let mean = |model: &Model| {
+            let medians = self.rows.iter().filter_map(|r| r.cell(model.name())?.hausdorff_mm);
+            let (sum, count) =
+                medians.fold((0.0, 0.0), |(sum, count), m| (sum + m.median, count + 1.0));
+            if count > 0.0 { format!("{:.1}", sum / count) } else { "–".into() }
+        };
+        let compared =
+            MODELS.iter().filter(|m| self.rows.iter().any(|r| r.cell(m.name()).is_some()));
+        compared.map(|m| format!("{:<25}", mean(m))).collect()
+    }
+
     /// Rows on which another of the models with `names` has a smaller median than `auto`, in words, and on
     /// how many of their seeds `auto` is the closer one.
     fn beaten(&self, names: impl Fn(&str) -> bool + Copy) -> Vec<String> {
@@ -314,7 +392,9 @@ impl Comparison {
 
 impl fmt::Display for Row {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "  {:<28}{:>4}  ", self.object, self.contacts)?;
+        // An object's corners need not be read out.
+        let object: String = self.object.chars().take(27).collect();
+        write!(f, "  {object:<28}{:>4}  ", self.contacts)?;
         for cell in &self.cells {
             let (got, of) = cell.runs;
             let runs = if got == of { String::new() } else { format!(" {got}/{of}") };
@@ -328,17 +408,25 @@ impl fmt::Display for Row {
     }
 }
 
-/// The line above the rows.
-pub fn heading() -> String {
-    let names: String = MODELS.iter().map(|m| format!("{:<25}", m.name())).collect();
+/// The line above the rows of these models.
+pub fn heading(selection: &Selection) -> String {
+    heading_of(selection.models().iter().map(Model::name))
+}
+
+fn heading_of<'a>(models: impl Iterator<Item = &'a str>) -> String {
+    let names: String = models.map(|m| format!("{m:<25}")).collect();
     format!("  {:<28}{:>4}  {names}{:>6} {:>8}", "object", "n", "not gp", "time")
 }
 
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}\n{}", self.title, heading())?;
+        let models = self.rows.first().map_or(&[][..], |r| &r.cells).iter().map(|c| c.model);
+        writeln!(f, "{}\n{}", self.title, heading_of(models))?;
         for row in &self.rows {
             writeln!(f, "{row}")?;
+        }
+        if let Some(overall) = &self.overall {
+            writeln!(f, "{overall}\n  {:<34}{}", "their mean", self.means())?;
         }
         writeln!(
             f,
@@ -366,87 +454,4 @@ impl fmt::Display for Comparison {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn selection(object: &str, contacts: usize) -> Selection {
-        Selection {
-            objects: vec![object.into()],
-            contacts: vec![contacts],
-            noise: Deviation { length: 1e-3, angle: 0.0873 },
-            seeds: 2,
-            first_seed: 1000,
-        }
-    }
-
-    #[test]
-    fn all_models_are_on_the_row_and_failures_are_counted() {
-        let table = run(None, &selection("rectangle", 12), |_| {}).unwrap();
-        assert_eq!(table.rows.len(), 1);
-        let row = &table.rows[0];
-        assert_eq!(row.cells.len(), MODELS.len());
-        for name in ["auto", "gp", "superquadric", "Nagata", "occupancy", "cloud"] {
-            let cell = row.cell(name).unwrap();
-            assert_eq!(cell.runs, (2, 2), "{name}");
-            assert_eq!(cell.auto_closer.of, 2, "{name}");
-            let (hausdorff, mean) = (cell.hausdorff_mm.unwrap(), cell.mean_mm.unwrap());
-            assert!(hausdorff.median > mean.median && mean.median > 0.0, "{name}");
-        }
-        assert_eq!(row.cell("auto").unwrap().auto_closer.successes, 0);
-        assert_eq!(row.cell("cloud").unwrap().auto_closer.successes, 2);
-        // Three contacts make neither a closed polytope nor a superquadric.
-        let few = run(None, &selection("rectangle", 3), |_| {}).unwrap();
-        let cell = few.rows[0].cell("superquadric").unwrap();
-        assert_eq!((cell.runs, cell.hausdorff_mm), ((0, 2), None));
-        assert!(few.to_string().contains("auto is not the best on"));
-    }
-
-    #[test]
-    fn a_rival_counts_only_where_it_gave_as_many_shapes() {
-        let cell = |model, runs, median| Cell {
-            model,
-            runs: (runs, 4),
-            hausdorff_mm: Spread::of([median]),
-            mean_mm: None,
-            rms_mm: None,
-            auto_closer: Proportion { successes: 1, of: 4 },
-        };
-        let row = |auto, faces, faces_runs| Comparison {
-            title: String::new(),
-            rows: vec![Row {
-                object: "thing".into(),
-                contacts: 9,
-                cells: vec![
-                    cell("auto", 4, auto),
-                    cell("faces", faces_runs, faces),
-                    cell("thesis SE", 4, 3.0),
-                ],
-                chosen: None,
-                seconds: 0.0,
-            }],
-            skipped: vec![],
-        };
-        assert!(row(2.0, 1.0, 3).beaten(|_| true).is_empty());
-        let beaten = row(2.0, 1.0, 4).beaten(|_| true);
-        assert_eq!(
-            beaten,
-            ["thing with 9: 2.00 mm, faces 1.00 mm; auto closer in 25 % [5, 70] of the runs"]
-        );
-        assert!(row(2.0, 1.0, 4).beaten(|n| n == "thesis SE").is_empty());
-        assert_eq!(row(3.5, 4.0, 4).beaten(|n| n == "thesis SE").len(), 1);
-    }
-
-    #[test]
-    fn objects_are_found_by_part_of_their_name_or_made() {
-        let names = |wanted: &[&str]| -> Vec<String> {
-            let wanted: Vec<String> = wanted.iter().map(|w| w.to_string()).collect();
-            cases(None, &wanted).unwrap().0.into_iter().map(|c| c.name).collect()
-        };
-        assert_eq!(names(&[]).len(), OBJECTS.len());
-        assert_eq!(names(&["sphere", "rect"]), ["rectangle:0.12x0.06", "sphere:0.08"]);
-        assert_eq!(names(&["ngon:5,0.04"]), ["ngon:5,0.04"]);
-        assert!(cases(None, &["teapot".into()]).is_err());
-        let (none, skipped) = cases(None, &["ycb".into()]).unwrap();
-        assert!(none.is_empty() && skipped.len() == 1);
-    }
-}
+mod tests;

@@ -215,6 +215,8 @@ pub struct Comparison {
     pub title: String,
     /// One per case and contender.
     pub rows: Vec<Row>,
+    /// One per noise and contender, over all objects, spreads of their medians; none where there is one object.
+    pub overall: Vec<Row>,
 }
 
 /// Compares the contenders on what is selected. `done` is told each row as soon as there is one.
@@ -253,7 +255,42 @@ pub fn run(selection: &Selection, mut done: impl FnMut(&Row)) -> Result<Comparis
         100.0 * outliers,
         (first_seed + seeds).saturating_sub(1)
     );
-    Ok(Comparison { title, rows })
+    let overall = overall(&rows);
+    Ok(Comparison { title, rows, overall })
+}
+
+/// What rows of the same noise and contender have in common.
+fn overall(rows: &[Row]) -> Vec<Row> {
+    let mut cases: Vec<(f64, &'static str)> = Vec::new();
+    for row in rows {
+        let case = (row.noise, row.tracker);
+        if !cases.contains(&case) {
+            cases.push(case);
+        }
+    }
+    let sum_up = |(noise, tracker): (f64, &'static str)| {
+        let of: Vec<&Row> =
+            rows.iter().filter(|r| r.noise == noise && r.tracker == tracker).collect();
+        let medians = |spread: fn(&Row) -> Option<Spread>| {
+            Spread::of(of.iter().filter_map(|r| spread(r)).map(|s| s.median))
+        };
+        (of.len() > 1).then(|| Row {
+            object: format!("all {} objects", of.len()),
+            noise,
+            tracker,
+            success: of.iter().map(|r| r.success).sum(),
+            hausdorff_mm: medians(|r| r.hausdorff_mm),
+            last_mm: medians(|r| r.last_mm),
+            last_deg: medians(|r| r.last_deg),
+            rms_mm: medians(|r| r.rms_mm),
+            rms_deg: medians(|r| r.rms_deg),
+            contacts_mm: medians(|r| r.contacts_mm),
+            lost: of.iter().map(|r| r.lost).sum::<f64>() / of.len() as f64,
+            milliseconds: medians(|r| r.milliseconds),
+            seconds: of.iter().map(|r| r.seconds).sum(),
+        })
+    };
+    cases.into_iter().filter_map(sum_up).collect()
 }
 
 /// The usual objects that are wanted, and the others.
@@ -440,12 +477,13 @@ impl fmt::Display for Row {
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}\n{}", self.title, heading())?;
-        for row in &self.rows {
+        for row in self.rows.iter().chain(&self.overall) {
             writeln!(f, "{row}")?;
         }
         write!(
             f,
-            "  success: Hausdorff < 9 mm and last pose within 5 mm and 5°, with Wilson's 95 % interval; \
+            "  all objects: successes of all runs; medians and quartiles of the objects' medians\n  \
+             success: Hausdorff < 9 mm and last pose within 5 mm and 5°, with Wilson's 95 % interval; \
              others: median [quartiles]\n  \
              noise: 100 % is 10 mm and 20° a grasp in the plane, 10 mm and 11.5° per axis in space\n  \
              frames agree where the contacts at the estimated poses fit the true surface best; \

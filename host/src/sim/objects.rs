@@ -1,5 +1,6 @@
 //! Objects as the command line describes them.
 
+mod drawn;
 mod shapes;
 
 use std::path::{Path, PathBuf};
@@ -12,9 +13,10 @@ use crate::shape::{Outline, ShapeError};
 /// What exists, for help and error messages.
 pub const KINDS: &str = "rectangle:WxH, triangle:R, hexagon:R, ngon:N,R (R the circumradius), \
     ellipse:AxB, lshape:WxHxT or tshape:WxHxT (arms T wide; WxHxTxZ a prism), polygon:FILE, \
-    corners:XxY,XxY,… (convex, counter-clockwise), prism:Z,OBJECT (a planar object Z tall), \
+    corners:XxY,XxY,… (counter-clockwise), prism:Z,OBJECT (a planar object Z tall), \
     pyramid:Z,OBJECT (to a tip Z above it), frustum:Z,T,OBJECT (to a top T times as wide), \
-    box:XxYxZ, cylinder:DxH, sphere:D, ellipsoid:AxBxC, or a mesh file (.ply, .stl, .obj, .off)";
+    box:XxYxZ, cylinder:DxH, sphere:D, ellipsoid:AxBxC, random:D,SEED (any of these, of D \
+    dimensions and 30 to 150 mm), or a mesh file (.ply, .stl, .obj, .off)";
 
 /// The greatest number of corners of a polygon.
 const MOST_CORNERS: usize = 1000;
@@ -42,7 +44,7 @@ pub enum ObjectSpec {
     Arms(Arms),
     /// `polygon:FILE`, see [`read_outline`](crate::shape::files::read_outline); moved to its centroid.
     Polygon(PathBuf),
-    /// `corners:XxY,XxY,…`, a convex polygon counter-clockwise; moved to its centroid.
+    /// `corners:XxY,XxY,…`, a simple polygon counter-clockwise; moved to its centroid.
     Corners(Vec<[f64; 2]>),
     /// `prism:Z,OBJECT`: a planar object swept along z.
     Prism {
@@ -191,6 +193,16 @@ impl FromStr for ObjectSpec {
             }
             "sphere" => ObjectSpec::Sphere(lengths::<1>(text, kind, size, "D")?[0]),
             "ellipsoid" => ObjectSpec::Ellipsoid(lengths(text, kind, size, "AxBxC")?),
+            "random" => {
+                let (dimension, seed) = size.split_once(',').unwrap_or((size, ""));
+                match (dimension.trim().parse(), seed.trim().parse()) {
+                    (Ok(dimension @ 2..=3), Ok(seed)) => drawn::draw(dimension, seed),
+                    _ => {
+                        let expected = "random:D,SEED with 2 or 3 dimensions and a whole number";
+                        return Err(malformed(text, expected, format!("{size:?}")));
+                    }
+                }
+            }
             _ => {
                 let path = Path::new(text);
                 let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
@@ -255,10 +267,10 @@ fn standing(
     Ok((height, Box::new(base)))
 }
 
-/// `XxY,XxY,…`: at least three, convex, counter-clockwise.
+/// `XxY,XxY,…`: at least three, no sides that cross, counter-clockwise.
 fn corners(text: &str, size: &str) -> Result<Vec<[f64; 2]>, ObjectError> {
     let expected =
-        "corners:XxY,XxY,… with at least 3 corners of a convex polygon, counter-clockwise";
+        "corners:XxY,XxY,… with at least 3 corners of a simple polygon, counter-clockwise";
     let one = |pair: &str| {
         let (x, y) = pair.split_once('x')?;
         let read = |part: &str| quantity::coordinate(part).ok().filter(|v| v.abs() <= *SIZES.end());
@@ -268,18 +280,11 @@ fn corners(text: &str, size: &str) -> Result<Vec<[f64; 2]>, ObjectError> {
     for pair in size.split(',') {
         corners.push(one(pair.trim()).ok_or_else(|| malformed(text, expected, pair))?);
     }
-    let count = corners.len();
-    let turns_left = |i: usize| {
-        let [a, b, c] = [i, i + 1, i + 2].map(|k| corners[k % count]);
-        (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]) > 0.0
-    };
     let area = Outline { loops: vec![corners.clone()] }.area();
-    if !(3..=MOST_CORNERS).contains(&count)
-        || !(0..count).all(turns_left)
-        || area < SIZES.start().powi(2)
-    {
+    if corners.len() > MOST_CORNERS || area < SIZES.start().powi(2) {
         return Err(malformed(text, expected, size));
     }
+    Outline::new(vec![corners.clone()]).map_err(|e| malformed(text, expected, e))?;
     Ok(corners)
 }
 
@@ -369,6 +374,7 @@ mod tests {
             "lshape:0.09x0.08x0.03x0.05",
             "polygon:a.csv",
             "corners:-0.05x-0.03,0.045x-0.035,0.055x0.02,-0.03x0.04",
+            "corners:0x0,0.1x0,0.01x0.01,0x0.1",
             "prism:0.06,hexagon:0.045",
             "prism:0.06,polygon:a.csv",
             "pyramid:0.09,rectangle:0.09x0.09",
@@ -405,7 +411,10 @@ mod tests {
             ("polygon:", "expected polygon:FILE, found no file"),
             ("corners:0x0,1x0", "at least 3 corners"),
             ("corners:0x0,0x0.1,0.1x0", "counter-clockwise"),
-            ("corners:0x0,0.1x0,0.01x0.01,0x0.1", "convex"),
+            ("corners:0x0,0.1x0.1,0.1x0,0x0.2", "edges that start at vertices 0 and 2 cross"),
+            ("random:4,1", "expected random:D,SEED with 2 or 3 dimensions"),
+            ("random:2", "expected random:D,SEED"),
+            ("random:2,-1", "found \"2,-1\""),
             ("corners:0x0,0.1x0,nanx0.1", "found nanx0.1"),
             ("prism:0.06,lshape:0.1x0.1x0.03x0.05", "with a planar object"),
             ("prism:0.06,prism:0.06,hexagon:0.045", "with a planar object"),
