@@ -284,7 +284,7 @@ fn examine(
         return Err(Refusal::Curved { deviations: faces.bending });
     }
     let per_degree = faces.chi_squared / faces.degrees.max(1.0);
-    if !misfit::is_likely(per_degree, faces.degrees) {
+    if !misfit::is_close(per_degree, faces.degrees) {
         return Err(Refusal::Misfit { per_degree });
     }
     let polytope = close(&faces, contacts, free)?;
