@@ -4,8 +4,8 @@
 /// as said, about 2 for flat faces on curves.
 pub const MOST: f64 = 1.4;
 
-/// Deviations of χ² above its mean that noise rarely makes: where there are few contacts that is more. Twice in a
-/// hundred of what is right at 2, once in two hundred at 3.
+/// Deviations of χ² above its mean that noise rarely makes: where there are few contacts that is more. Of right models,
+/// three in a hundred leave more than 2 and one in two hundred more than 3.
 const RARE: f64 = 3.0;
 
 /// The same where a model of another number of parts may be right: one face too few leaves hardly more.
