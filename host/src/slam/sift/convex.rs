@@ -3,7 +3,7 @@
 //! On a convex object no contact lies beyond the plane in which another one touched. A wild one does, or others lie
 //! beyond its own, and no model is needed to see that: what is fitted to the rest was never bent by it.
 
-use super::{DECIDED, WILD, are_few, beside_body};
+use super::{DECIDED, WILD, agree, are_few, beside_body};
 use crate::reference::body::Body;
 use crate::reference::{Contact, Faces, Prior};
 use crate::slam::choose::{directions, faces_along, judge, only};
@@ -20,8 +20,8 @@ const MISFIT: f64 = 2.5;
 const SQUARE: f64 = 0.25;
 
 /// Which contacts at known poses belong to a convex object, where few contradict that all are of one, and the others
-/// make a body of few numbers or faces that were felt often; `None` where there are no such few. Where sides are as
-/// those of a box, one that faces as they do is of a notch rather than wild. `free` are points outside.
+/// make a body of few numbers or faces that were felt often; `None` where there are no such few, or where they may be of
+/// a notch ([`may_be_notch`]). `free` are points outside.
 pub fn beside_convex(dimension: usize, contacts: &[Contact], free: &[Point]) -> Option<Vec<bool>> {
     let agreeing = agreeing(contacts)?;
     let bodies = |own: &[Contact], faces: Option<&Faces>| -> Vec<Body> {
@@ -35,11 +35,35 @@ pub fn beside_convex(dimension: usize, contacts: &[Contact], free: &[Point]) -> 
         .or_else(|| beside_sides(dimension, contacts, agreeing.clone(), free))?;
     // What contradicts the others stays out, though it lies near their body.
     let trusted: Vec<bool> = trusted.iter().zip(&agreeing).map(|(a, b)| *a && *b).collect();
-    let faces = Faces::fit(dimension, &only(contacts, &trusted))?;
-    let directions = directions(&faces);
-    let is_side = |(c, trusted): (&Contact, &bool)| !trusted && faces_along(c, &directions);
-    let may_be_hollow = are_square(&directions) && contacts.iter().zip(&trusted).any(is_side);
+    let own = only(contacts, &trusted);
+    let Some(Prior::Ball { radius, .. }) = Prior::fitted(&own) else { return None };
+    let faces = Faces::fit(dimension, &own)?;
+    let others: Vec<bool> = trusted.iter().map(|trusted| !trusted).collect();
+    let others = only(contacts, &others);
+    let may_be_hollow = may_be_notch(&others, &own, &directions(&faces), radius);
     (!may_be_hollow).then_some(trusted)
+}
+
+/// Whether contacts that lie on no side of a box may be inner sides of one that is not convex: most of them face as
+/// its sides do, or two that do are of one side or of one notch. Wild ones face anywhere. `own` are the others, of an
+/// object with this radius and these directions.
+fn may_be_notch(others: &[Contact], own: &[Contact], directions: &[Point], radius: f64) -> bool {
+    let is_side: Vec<bool> = others.iter().map(|c| faces_along(c, directions)).collect();
+    let sides = only(others, &is_side);
+    let is_paired = |(i, one): (usize, &Contact)| {
+        sides[i + 1..].iter().any(|other| agree(one, other, radius) || are_notch(one, other, own))
+    };
+    are_square(directions)
+        && (2 * sides.len() > others.len() || sides.iter().enumerate().any(is_paired))
+}
+
+/// Whether two contacts may be of one notch: each lies before the other, and no third beyond both.
+fn are_notch(one: &Contact, other: &Contact, own: &[Contact]) -> bool {
+    let is_before =
+        |a: &Contact, b: &Contact| b.normal.is_some_and(|n| n.dot(&(a.point - b.point)) > 0.0);
+    is_before(one, other)
+        && is_before(other, one)
+        && !own.iter().any(|c| is_beyond(c, one) && is_beyond(c, other))
 }
 
 /// Whether sides have the directions of a box.
