@@ -11,6 +11,7 @@ mod chain;
 mod folded;
 mod found;
 mod moves;
+mod wild;
 
 use nalgebra::Rotation3;
 
@@ -19,6 +20,7 @@ use crate::space::Point;
 
 use cells::Cells;
 pub use found::Found;
+use wild::{RARE, Wild};
 
 /// Two places along an axis, the lower first, metres; infinite where something has no end.
 type Span = [f64; 2];
@@ -28,21 +30,6 @@ const MOST: usize = 4;
 
 /// Least part of the outer box that an inner one leaves along an axis, and takes.
 const LEAST: f64 = 0.06;
-
-/// How probable contacts are that the surface has no place for, relative to one where and as it has it.
-#[derive(Clone, Copy, Debug)]
-struct Wild {
-    /// Any contact, at least.
-    least: f64,
-    /// One that is of a side, at least.
-    owned: f64,
-}
-
-/// Where hardly any is wild.
-const RARE: Wild = Wild { least: 1e-7, owned: 4e-6 };
-
-/// Where some may be: less probable than that are contacts that lie four deviations and more off.
-const COMMON: Wild = Wild { least: 1e-5, owned: 1e-5 };
 
 /// Least cosine between a normal and the side that it may be of.
 const SQUARE: f64 = 0.7;

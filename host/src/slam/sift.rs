@@ -181,6 +181,31 @@ mod tests {
         (dimension, contacts, wild)
     }
 
+    /// Faces none of its objects' sides.
+    const SKEW: [f64; 3] = [0.48, 0.64, 0.6];
+
+    /// As many contacts of an object, and then one in its middle, one beside it and one inside, whose normals are skew.
+    pub fn with_wild(object: &str, contacts: usize, seed: u64) -> (usize, Vec<Contact>) {
+        let (dimension, mut contacts, _) = touched(object, contacts, seed);
+        let skew = match dimension {
+            2 => Point::new(SKEW[0], SKEW[1], 0.0).normalize(),
+            _ => Point::from(SKEW),
+        };
+        let middle = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len() as f64;
+        let [first, second] = [contacts[0], contacts[1]];
+        let beside = first.point + first.normal.unwrap_or(skew) * 0.025;
+        for (point, normal) in [(middle, skew), (beside, -skew)] {
+            contacts.push(Contact { point, normal: Some(normal), ..first });
+        }
+        let across = Point::new(skew.y, -skew.x, skew.z);
+        contacts.push(Contact {
+            point: (middle + second.point) / 2.0,
+            normal: Some(across),
+            ..first
+        });
+        (dimension, contacts)
+    }
+
     #[test]
     fn wild_contacts_on_round_objects_are_found_and_no_others() {
         for object in
@@ -279,10 +304,23 @@ mod tests {
             contacts.push(Contact { point, normal: Some(out), ..contacts[0] });
         }
         assert!(boxes(dimension, &contacts, &[]).is_none());
-        // Few contacts of each side say nothing of what is wild.
-        let (dimension, mut contacts, _) = touched("tshape:0.1x0.09x0.03", 20, 1);
-        contacts.push(Contact { normal: Some(Point::new(0.6, 0.8, 0.0)), ..contacts[0] });
+        // Few contacts of each side say nothing of what is wild, where all are square.
+        let (dimension, contacts, _) = touched("tshape:0.1x0.09x0.03", 20, 1);
         assert!(boxes(dimension, &contacts, &[]).is_none());
+    }
+
+    #[test]
+    fn boxes_are_found_among_few_contacts_of_which_some_are_wild() {
+        for (object, few) in [("tshape:0.1x0.09x0.03", 20), ("lshape:0.09x0.07x0.035x0.05", 30)] {
+            let (mut found, mut lost) = (0, 0);
+            for seed in 0..4 {
+                let (dimension, contacts) = with_wild(object, few, seed);
+                let Some((_, trusted)) = boxes(dimension, &contacts, &[]) else { continue };
+                found += usize::from(trusted.ends_with(&[false; 3]));
+                lost += trusted[..few].iter().filter(|trusted| !**trusted).count();
+            }
+            assert!(found >= 3 && lost <= 2, "{object}: {found}, {lost}");
+        }
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! what they find (Geyer, Computing Science and Statistics, 1991).
 
 use super::folded::Folded;
+use super::wild::median;
 use super::{Felt, Notched, Wild};
 use crate::reference::Contact;
 use crate::sim::random::Random;
@@ -64,9 +65,7 @@ impl<'a> Chains<'a> {
         let radius = 0.5 * sides.map(|side| side * side).sum::<f64>().sqrt()
             / (start.dimension as f64).sqrt();
         let middle = Point::from_fn(|axis, _| 0.5 * (start.outer[axis][0] + start.outer[axis][1]));
-        let mut deviations: Vec<f64> = contacts.iter().map(|c| c.point_deviation).collect();
-        deviations.sort_by(f64::total_cmp);
-        let deviation = deviations.get(deviations.len() / 2).copied().unwrap_or_default();
+        let deviation = median(contacts.iter().map(|c| c.point_deviation).collect());
         Chains { contacts, free, wild, radius, middle, deviation, random }
     }
 

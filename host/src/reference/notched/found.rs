@@ -4,7 +4,8 @@ use nalgebra::{Matrix3, Rotation3};
 
 use super::axes::{Normal, along_axes, axes, directions, normal};
 use super::chain::Chains;
-use super::{COMMON, Notch, Notched, RARE, Side, Span, Wild};
+use super::moves::notched_before;
+use super::{Notch, Notched, RARE, Side, Span, Wild};
 use crate::reference::faces::{Face, Owner};
 use crate::reference::{Contact, Faces, misfit};
 use crate::space::Point;
@@ -79,14 +80,19 @@ impl Found {
             return None;
         }
         let (start, are_square) = begun(dimension, contacts)?;
-        if are_square { Found::likeliest(contacts, free, RARE, UNEXPLAINED, &start) } else { None }
+        if !are_square {
+            return None;
+        }
+        let samples = Chains::of(contacts, free, RARE, &start).samples(&start);
+        Found::likeliest(&samples, contacts, RARE, UNEXPLAINED, &start)
     }
 
     /// The same of many contacts of which a share `most` may be wild, of something else or of a sensor that failed, and
     /// which are not: those on its sides.
     ///
-    /// `None` as for [`of`](Found::of), but that wild contacts need not be square to others, and where faces of the
-    /// others [say](Found::says_more) less.
+    /// `None` as for [`of`](Found::of), but that wild contacts need not be square to others, where a whole box
+    /// and a few more wild ones are as probable, and where faces of the others [say](Found::says_more) less and no
+    /// contact is known to be wild because it is not square.
     pub fn among_wild(
         dimension: usize,
         contacts: &[Contact],
@@ -102,14 +108,19 @@ impl Found {
         let askew = contacts.len() - own.len();
         let left = most * contacts.len() as f64 - askew as f64;
         if left < 0.0
-            || Found::says_more(dimension, &own)
+            || (askew == 0 && Found::says_more(dimension, &own))
             || Faces::fit(dimension, &own)?.is_convex()
         {
             return None;
         }
         let (start, _) = begun(dimension, &own)?;
         let unexplained = left / own.len() as f64;
-        let Found { solid, faces } = Found::likeliest(&own, free, COMMON, unexplained, &start)?;
+        let wild = Wild::beside(&start, &own, askew);
+        let samples = Chains::of(&own, free, wild, &start).samples(&start);
+        if !are_likelier_notched(&samples) {
+            return None;
+        }
+        let Found { solid, faces } = Found::likeliest(&samples, &own, wild, unexplained, &start)?;
         let is_on: Vec<bool> = faces.owners.iter().map(Option::is_some).collect();
         let mut each = is_on.iter();
         for trusted in trusted.iter_mut().filter(|trusted| **trusted) {
@@ -121,16 +132,30 @@ impl Found {
         Some((Found { solid, faces }, trusted))
     }
 
-    /// What contacts make most probable, where it leaves a share of them unexplained at most.
-    fn likeliest(
+    /// Whether contacts (object frame, dimension 2 or 3) make it more probable than it was before any that something is
+    /// cut out of a box, rather than that those inside it are wild, beside as many as are `known` to be. They are
+    /// square to each other, nearly; where one cannot be used, they do not. Takes a few seconds.
+    pub fn is_likelier(
+        dimension: usize,
         contacts: &[Contact],
         free: &[Point],
+        known: usize,
+    ) -> bool {
+        let Some((start, _)) = begun(dimension, contacts) else { return false };
+        let wild = Wild::beside(&start, contacts, known);
+        let samples = Chains::of(contacts, free, wild, &start).samples(&start);
+        are_likelier_notched(&samples)
+    }
+
+    /// What contacts make most probable, where it leaves a share of them unexplained at most.
+    fn likeliest(
+        samples: &[Notched],
+        contacts: &[Contact],
         wild: Wild,
         unexplained: f64,
         start: &Notched,
     ) -> Option<Found> {
         let dimension = start.dimension;
-        let samples = Chains::of(contacts, free, wild, start).samples(start);
         let is_notched = |solid: &&Notched| !solid.notches.is_empty();
         let samples: Vec<Notched> =
             samples.iter().filter(is_notched).map(Notched::ordered).collect();
@@ -166,6 +191,12 @@ pub(super) fn begun(dimension: usize, contacts: &[Contact]) -> Option<(Notched, 
     let margin = 0.05 * (high - low).norm();
     let outer = [0, 1, 2].map(|axis| [low[axis] - margin, high[axis] + margin]);
     Some((Notched { dimension, frame, middle, outer, notches: vec![] }, are_square))
+}
+
+/// Whether more samples have notches than boxes have before any contact.
+fn are_likelier_notched(samples: &[Notched]) -> bool {
+    let notched = samples.iter().filter(|solid| !solid.notches.is_empty()).count();
+    notched as f64 > notched_before() * samples.len() as f64
 }
 
 /// The sample that is inside most where most are.

@@ -44,6 +44,17 @@ const MOVES: [(Move, f64); 9] = [
 /// Notches that a box has before any contact, on average.
 const RATE: f64 = 2.0;
 
+/// Share of boxes that have one before any contact: their number is Poisson's, up to the most there are.
+pub(super) fn notched_before() -> f64 {
+    let mut odds = 1.0;
+    let all = (1..=MOST).map(|count| {
+        odds *= RATE / count as f64;
+        odds
+    });
+    let notched: f64 = all.sum();
+    notched / (1.0 + notched)
+}
+
 /// How often a notch is one in a side, not at a corner, and in space one of all three dimensions.
 const POCKET: f64 = 0.25;
 const SOLID: f64 = 0.2;

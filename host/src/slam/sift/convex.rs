@@ -3,8 +3,9 @@
 //! On a convex object no contact lies beyond the plane in which another one touched. A wild one does, or others lie
 //! beyond its own, and no model is needed to see that: what is fitted to the rest was never bent by it.
 
-use super::{DECIDED, WILD, agree, are_few, beside_body};
+use super::{DECIDED, WILD, are_few, beside_body};
 use crate::reference::body::Body;
+use crate::reference::notched::Found;
 use crate::reference::{Contact, Faces, Prior};
 use crate::slam::choose::{directions, faces_along, judge, only};
 use crate::slam::fit::rounds;
@@ -20,8 +21,9 @@ const MISFIT: f64 = 2.5;
 const SQUARE: f64 = 0.25;
 
 /// Which contacts at known poses belong to a convex object, where few contradict that all are of one, and the others
-/// make a body of few numbers or faces that were felt often; `None` where there are no such few, or where they may be of
-/// a notch ([`may_be_notch`]). `free` are points outside.
+/// make a body of few numbers or faces that were felt often; `None` where there are no such few. Where sides are as
+/// those of a box, those that face as they do are none of them if they make it [likelier](Found::is_likelier) that
+/// something is cut out of it. `free` are points outside.
 pub fn beside_convex(dimension: usize, contacts: &[Contact], free: &[Point]) -> Option<Vec<bool>> {
     let agreeing = agreeing(contacts)?;
     let bodies = |own: &[Contact], faces: Option<&Faces>| -> Vec<Body> {
@@ -36,34 +38,15 @@ pub fn beside_convex(dimension: usize, contacts: &[Contact], free: &[Point]) -> 
     // What contradicts the others stays out, though it lies near their body.
     let trusted: Vec<bool> = trusted.iter().zip(&agreeing).map(|(a, b)| *a && *b).collect();
     let own = only(contacts, &trusted);
-    let Some(Prior::Ball { radius, .. }) = Prior::fitted(&own) else { return None };
-    let faces = Faces::fit(dimension, &own)?;
-    let others: Vec<bool> = trusted.iter().map(|trusted| !trusted).collect();
-    let others = only(contacts, &others);
-    let may_be_hollow = may_be_notch(&others, &own, &directions(&faces), radius);
-    (!may_be_hollow).then_some(trusted)
-}
-
-/// Whether contacts that lie on no side of a box may be inner sides of one that is not convex: most of them face as
-/// its sides do, or two that do are of one side or of one notch. Wild ones face anywhere. `own` are the others, of an
-/// object with this radius and these directions.
-fn may_be_notch(others: &[Contact], own: &[Contact], directions: &[Point], radius: f64) -> bool {
-    let is_side: Vec<bool> = others.iter().map(|c| faces_along(c, directions)).collect();
-    let sides = only(others, &is_side);
-    let is_paired = |(i, one): (usize, &Contact)| {
-        sides[i + 1..].iter().any(|other| agree(one, other, radius) || are_notch(one, other, own))
-    };
-    are_square(directions)
-        && (2 * sides.len() > others.len() || sides.iter().enumerate().any(is_paired))
-}
-
-/// Whether two contacts may be of one notch: each lies before the other, and no third beyond both.
-fn are_notch(one: &Contact, other: &Contact, own: &[Contact]) -> bool {
-    let is_before =
-        |a: &Contact, b: &Contact| b.normal.is_some_and(|n| n.dot(&(a.point - b.point)) > 0.0);
-    is_before(one, other)
-        && is_before(other, one)
-        && !own.iter().any(|c| is_beyond(c, one) && is_beyond(c, other))
+    let directions = directions(&Faces::fit(dimension, &own)?);
+    let is_side = |(c, trusted): (&Contact, &bool)| !trusted && faces_along(c, &directions);
+    let sides: Vec<bool> = contacts.iter().zip(&trusted).map(is_side).collect();
+    let sides = only(contacts, &sides);
+    let askew = contacts.len() - own.len() - sides.len();
+    let is_hollow = !sides.is_empty()
+        && are_square(&directions)
+        && Found::is_likelier(dimension, &[own, sides].concat(), free, askew);
+    (!is_hollow).then_some(trusted)
 }
 
 /// Whether sides have the directions of a box.

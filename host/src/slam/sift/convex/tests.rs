@@ -4,27 +4,7 @@ use crate::sim::ObjectSpec;
 use crate::slam::choose::Choice;
 use crate::slam::fit::tests::touched;
 use crate::slam::reconstruct::{Poses, shape};
-
-/// Faces none of its objects' sides.
-const SKEW: [f64; 3] = [0.48, 0.64, 0.6];
-
-/// As many contacts of an object, and then one in its middle, one beside it and one inside, whose normals are skew.
-fn with_wild(object: &str, contacts: usize, seed: u64) -> (usize, Vec<Contact>) {
-    let (dimension, mut contacts, _) = touched(object, contacts, seed);
-    let skew = match dimension {
-        2 => Point::new(SKEW[0], SKEW[1], 0.0).normalize(),
-        _ => Point::from(SKEW),
-    };
-    let middle = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len() as f64;
-    let [first, second] = [contacts[0], contacts[1]];
-    let beside = first.point + first.normal.unwrap_or(skew) * 0.025;
-    for (point, normal) in [(middle, skew), (beside, -skew)] {
-        contacts.push(Contact { point, normal: Some(normal), ..first });
-    }
-    let across = Point::new(skew.y, -skew.x, skew.z);
-    contacts.push(Contact { point: (middle + second.point) / 2.0, normal: Some(across), ..first });
-    (dimension, contacts)
-}
+use crate::slam::sift::tests::with_wild;
 
 #[test]
 fn what_contradicts_a_convex_object_is_found_among_few_contacts() {
@@ -64,51 +44,46 @@ fn a_box_is_a_box_beside_wild_contacts() {
     }
 }
 
-#[test]
-fn a_notch_of_a_box_that_was_felt_once_is_not_wild() {
-    let (dimension, own, _) = touched("rectangle:0.1x0.06", 20, 0);
-    let felt = |x: f64, y: f64, normal: [f64; 2]| Contact {
-        point: Point::new(x, y, 0.0),
-        normal: Some(Point::new(normal[0], normal[1], 0.0)),
-        ..own[0]
-    };
-    let beside = |others: &[Contact]| beside_convex(dimension, &[&own, others].concat(), &[]);
-    let left_out = |others: &[Contact]| {
-        let trusted = beside(others).unwrap();
-        let (own, others) = trusted.split_at(20);
-        own.iter().all(|trusted| *trusted) && !others.iter().any(|trusted| *trusted)
-    };
-    let (square, skew) = (felt(0.02, 0.02, [1.0, 0.0]), felt(-0.02, 0.0, [0.8, 0.6]));
-    assert!(beside(&[square]).is_none());
-    assert!(left_out(&[skew]));
-    // Among wild ones one may face as a side does, by chance; not most of them, and not two of one side.
-    assert!(left_out(&[square, skew]));
-    let other = felt(-0.01, 0.01, [-0.6, 0.8]);
-    assert!(left_out(&[square, skew, other, felt(-0.03, 0.01, [0.0, -1.0])]));
-    assert!(beside(&[square, skew, felt(-0.03, 0.01, [0.0, 1.0])]).is_none());
-    assert!(beside(&[square, skew, other, felt(0.02, 0.01, [1.0, 0.0])]).is_none());
+/// A contact at so many metres that is known as well as this one.
+fn like(one: &Contact, x: f64, y: f64, normal: [f64; 2]) -> Contact {
+    let normal = Some(Point::new(normal[0], normal[1], 0.0));
+    Contact { point: Point::new(x, y, 0.0), normal, ..*one }
 }
 
 #[test]
-fn two_sides_of_one_notch_are_not_wild() {
-    let (dimension, own, _) = touched("rectangle:0.1x0.06", 30, 0);
-    let felt = |x: f64, y: f64, normal: [f64; 2]| Contact {
-        point: Point::new(x, y, 0.0),
-        normal: Some(Point::new(normal[0], normal[1], 0.0)),
-        ..own[0]
+fn what_faces_as_a_box_does_is_wild_where_other_sides_of_a_notch_would_have_been_felt() {
+    let (dimension, own, _) = touched("rectangle:0.1x0.06", 20, 0);
+    let left_out = |others: &[Contact]| {
+        let trusted = beside_convex(dimension, &[&own, others].concat(), &[]).unwrap();
+        let (own, others) = trusted.split_at(20);
+        own.iter().all(|trusted| *trusted) && !others.iter().any(|trusted| *trusted)
     };
-    let others = [
-        felt(0.03, 0.018, [1.0, 0.0]),
-        felt(0.042, 0.01, [0.0, 1.0]),
-        felt(-0.02, 0.0, [0.8, 0.6]),
-        felt(-0.01, 0.01, [-0.6, 0.8]),
-    ];
+    let skew =
+        [[-0.02, 0.8, 0.6], [-0.01, -0.6, 0.8]].map(|[x, a, b]| like(&own[0], x, 0.0, [a, b]));
+    let square =
+        [[-0.005, 1.0, 0.0], [-0.03, 0.0, -1.0]].map(|[x, a, b]| like(&own[0], x, 0.01, [a, b]));
+    assert!(left_out(&skew));
+    assert!(left_out(&square[..1]));
+    assert!(left_out(&[skew, square].concat()));
+}
+
+#[test]
+fn sides_of_a_notch_are_not_wild() {
+    let (dimension, own, _) = touched("rectangle:0.1x0.06", 30, 0);
+    let sides = [([0.03, 0.018], [1.0, 0.0]), ([0.042, 0.01], [0.0, 1.0])];
+    let wild = [([-0.02, 0.0], [0.8, 0.6]), ([-0.01, 0.01], [-0.6, 0.8])];
+    let others = [sides, wild].concat();
+    let others: Vec<Contact> =
+        others.into_iter().map(|([x, y], normal)| like(&own[0], x, y, normal)).collect();
     let left_out = beside_convex(dimension, &[&own, &others[..]].concat(), &[]).unwrap();
     assert!(left_out.ends_with(&[false; 4]));
+    // Without contacts that lie in it.
     let is_in_notch = |c: &Contact| c.point.x > 0.03 && c.point.y > 0.01;
     let beside: Vec<Contact> = own.iter().filter(|c| !is_in_notch(c)).copied().collect();
     assert!(beside.len() >= 24 && beside.len() < 30);
-    assert!(beside_convex(dimension, &[&beside, &others[..]].concat(), &[]).is_none());
+    for felt in [&others[..1], &others[..2], &others[..]] {
+        assert!(beside_convex(dimension, &[&beside, felt].concat(), &[]).is_none());
+    }
 }
 
 #[test]
