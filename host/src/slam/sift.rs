@@ -104,7 +104,7 @@ fn are_few(trusted: &[bool], contacts: &[Contact], radius: f64) -> bool {
     others.len() as f64 <= WILD * contacts.len() as f64 && !is_part(&others, radius)
 }
 
-/// The box less smaller boxes that explains most of many contacts, and which: all but few, most of which agree with no
+/// The box less smaller boxes that explains most contacts, and which: all but few, most of which agree with no
 /// other. `None` where there is none.
 pub fn boxes(dimension: usize, contacts: &[Contact], free: &[Point]) -> Option<(Found, Vec<bool>)> {
     let Some(Prior::Ball { radius, .. }) = Prior::fitted(contacts) else { return None };

@@ -87,7 +87,7 @@ impl Found {
         Found::likeliest(&samples, contacts, RARE, UNEXPLAINED, &start)
     }
 
-    /// The same of many contacts of which a share `most` may be wild, of something else or of a sensor that failed, and
+    /// The same of contacts of which a share `most` may be wild, of something else or of a sensor that failed, and
     /// which are not: those on its sides.
     ///
     /// `None` as for [`of`](Found::of), but that wild contacts need not be square to others, where a whole box
