@@ -33,6 +33,46 @@ fn the_frame_a_tracker_chose_is_no_error() {
 }
 
 #[test]
+fn rows_of_one_noise_and_tracker_are_summed_up() {
+    let row = |object: &str, noise: f64, tracker: &'static str, successes: usize, off: f64| Row {
+        object: object.into(),
+        noise,
+        tracker,
+        success: Proportion { successes, of: 4 },
+        hausdorff_mm: Spread::of([off]),
+        last_mm: Spread::of([2.0 * off]),
+        last_deg: Spread::of([3.0 * off]),
+        rms_mm: None,
+        rms_deg: Spread::of([off]),
+        contacts_mm: Spread::of([off]),
+        lost: off,
+        milliseconds: Spread::of([off]),
+        seconds: off,
+    };
+    let rows = [
+        row("box", 50.0, "auto", 4, 1.0),
+        row("box", 50.0, "batch", 3, 5.0),
+        row("can", 50.0, "auto", 1, 3.0),
+        row("can", 100.0, "auto", 0, 7.0),
+        row("can", 50.0, "batch", 2, 9.0),
+    ];
+    let overall = overall(&rows);
+    // At 100 % there is one object: nothing to sum up.
+    let cases: Vec<_> = overall.iter().map(|r| (r.object.as_str(), r.noise, r.tracker)).collect();
+    assert_eq!(cases, [("all 2 objects", 50.0, "auto"), ("all 2 objects", 50.0, "batch")]);
+    assert_eq!(overall[0].success, Proportion { successes: 5, of: 8 });
+    assert_eq!(overall[1].success, Proportion { successes: 5, of: 8 });
+    let medians = |row: &Row| {
+        [row.hausdorff_mm, row.last_mm, row.last_deg, row.rms_mm].map(|s| s.map(|s| s.median))
+    };
+    assert_eq!(medians(&overall[0]), [Some(2.0), Some(4.0), Some(6.0), None]);
+    assert_eq!(medians(&overall[1]), [Some(7.0), Some(14.0), Some(21.0), None]);
+    assert_eq!((overall[0].lost, overall[0].seconds), (2.0, 4.0));
+    let table = Comparison { title: String::new(), rows: rows.to_vec(), overall };
+    assert!(table.to_string().contains("all 2 objects"));
+}
+
+#[test]
 fn a_symmetric_turn_is_no_error_and_another_is() {
     let Simulation { log, geometry, .. } = simulation("hexagon:0.045", 1);
     let truth = Truth::new(geometry);
