@@ -133,14 +133,19 @@ impl Found {
     }
 
     /// Whether contacts (object frame, dimension 2 or 3) make it more probable than it was before any that something is
-    /// cut out of a box, rather than that those inside it are wild, beside as many as are `known` to be. They are
-    /// square to each other, nearly; where one cannot be used, they do not. Takes a few seconds.
+    /// cut out of a box (the Bayes factor; Kass and Raftery, Journal of the American Statistical Association 90, 1995),
+    /// rather than that those inside it are wild, beside as many as are `known` to be. They are square to each other,
+    /// nearly; in another dimension, and where one cannot be used, they do not. Points `free` are probably outside.
+    /// Takes a few seconds.
     pub fn is_likelier(
         dimension: usize,
         contacts: &[Contact],
         free: &[Point],
         known: usize,
     ) -> bool {
+        if !(2..=3).contains(&dimension) {
+            return false;
+        }
         let Some((start, _)) = begun(dimension, contacts) else { return false };
         let wild = Wild::beside(&start, contacts, known);
         let samples = Chains::of(contacts, free, wild, &start).samples(&start);

@@ -44,7 +44,8 @@ const MOVES: [(Move, f64); 9] = [
 /// Notches that a box has before any contact, on average.
 const RATE: f64 = 2.0;
 
-/// Share of boxes that have one before any contact: their number is Poisson's, up to the most there are.
+/// Share of boxes that have one before any contact: their number is Poisson's, up to the most there are. A little less
+/// have, for those that leave nothing between them are none.
 pub(super) fn notched_before() -> f64 {
     let mut odds = 1.0;
     let all = (1..=MOST).map(|count| {

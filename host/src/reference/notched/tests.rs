@@ -239,6 +239,12 @@ fn without_contacts_boxes_are_as_usual_as_is_said_before_any() {
 }
 
 #[test]
+fn six_of_seven_boxes_have_notches_before_any_contact() {
+    // Poisson's shares of none to four, two being usual, are as 3, 6, 6, 4 and 2.
+    assert!((moves::notched_before() - 18.0 / 21.0).abs() < 1e-12);
+}
+
+#[test]
 fn an_l_is_found_from_eight_contacts() {
     // Nobody felt where an arm ends: the faces do not close there.
     let shares: [&[f64]; 6] = [&[0.2, 0.9], &[], &[0.3, 0.8], &[0.5], &[0.5], &[0.3, 0.6]];
@@ -348,9 +354,14 @@ fn unusable_contacts_find_nothing() {
         let mut contacts = contacts.clone();
         contacts[3] = change(&contacts[3]);
         assert!(Found::of(2, &contacts, &[]).is_none());
+        assert!(!Found::is_likelier(2, &contacts, &[], 0));
     }
     for dimension in [0, 1, 4] {
         assert!(Found::of(dimension, &contacts, &[]).is_none());
+        assert!(!Found::is_likelier(dimension, &contacts, &[], 0));
+    }
+    for nothing in [&[][..], &[contacts[0]; 8]] {
+        assert!(!Found::is_likelier(2, nothing, &[], 0) && !Found::is_likelier(3, nothing, &[], 0));
     }
     for few in 0..3 {
         assert!(Found::of(2, &contacts[..few], &[]).is_none());

@@ -8,7 +8,7 @@ use crate::reference::Contact;
 /// Wild contacts taken for granted beside those that are known.
 const ASSUMED: f64 = 0.3;
 
-/// Contacts this probable lie where the surface has them, nearly.
+/// Most that it may be, whatever the noise: contacts that are more probable lie where the surface has them, nearly.
 const MOST: f64 = 1e-3;
 
 /// How probable contacts are that the surface has no place for, relative to one where and as it has it.
@@ -25,7 +25,8 @@ pub(super) const RARE: Wild = Wild { least: 1e-7, owned: 4e-6 };
 
 impl Wild {
     /// Beside as many that are `known` to be wild: a wild one lies anywhere in the box about the contacts and faces
-    /// anywhere, one of the surface lies in as thin a layer as its deviation says and faces as nearly out.
+    /// anywhere (the uniform part of a mixture; Fraley and Raftery, The Computer Journal 41, 1998), one of the surface
+    /// lies in as thin a layer as its deviation says and faces as nearly out.
     pub fn beside(start: &Notched, contacts: &[Contact], known: usize) -> Wild {
         let [point, normal] = [|c: &Contact| c.point_deviation, |c: &Contact| c.normal_deviation]
             .map(|deviation| median(contacts.iter().map(deviation).collect()));

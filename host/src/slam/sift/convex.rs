@@ -37,16 +37,25 @@ pub fn beside_convex(dimension: usize, contacts: &[Contact], free: &[Point]) -> 
         .or_else(|| beside_sides(dimension, contacts, agreeing.clone(), free))?;
     // What contradicts the others stays out, though it lies near their body.
     let trusted: Vec<bool> = trusted.iter().zip(&agreeing).map(|(a, b)| *a && *b).collect();
-    let own = only(contacts, &trusted);
+    (!have_notch(dimension, contacts, &trusted, free)?).then_some(trusted)
+}
+
+/// Whether those not trusted that face as the sides of a box make it likelier that something is cut out of it; `None`
+/// where the others have no faces.
+fn have_notch(
+    dimension: usize,
+    contacts: &[Contact],
+    trusted: &[bool],
+    free: &[Point],
+) -> Option<bool> {
+    let own = only(contacts, trusted);
     let directions = directions(&Faces::fit(dimension, &own)?);
     let is_side = |(c, trusted): (&Contact, &bool)| !trusted && faces_along(c, &directions);
-    let sides: Vec<bool> = contacts.iter().zip(&trusted).map(is_side).collect();
+    let sides: Vec<bool> = contacts.iter().zip(trusted).map(is_side).collect();
     let sides = only(contacts, &sides);
     let askew = contacts.len() - own.len() - sides.len();
-    let is_hollow = !sides.is_empty()
-        && are_square(&directions)
-        && Found::is_likelier(dimension, &[own, sides].concat(), free, askew);
-    (!is_hollow).then_some(trusted)
+    let may_be = !sides.is_empty() && are_square(&directions);
+    Some(may_be && Found::is_likelier(dimension, &[own, sides].concat(), free, askew))
 }
 
 /// Whether sides have the directions of a box.
