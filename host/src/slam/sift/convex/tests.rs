@@ -127,7 +127,7 @@ fn many_that_contradict_or_too_few_contacts_say_nothing() {
     };
     let [box_, triangle] = ["box:0.11x0.075x0.055", "corners:-0.05x-0.03,0.06x-0.03,-0.05x0.05"];
     assert!(one_wild(box_, 8).is_none() && one_wild(box_, 20).is_some());
-    assert!(one_wild(triangle, 10).is_none() && one_wild(triangle, 24).is_some());
+    assert!(one_wild(triangle, 5).is_none() && one_wild(triangle, 10).is_some());
     let (dimension, contacts) = with_wild(box_, 20, 0);
     let many = [&contacts[..20], &contacts[20..].repeat(3)].concat();
     assert!(beside_convex(dimension, &many, &[]).is_none());
