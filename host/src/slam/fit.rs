@@ -31,6 +31,10 @@ const RESIDUAL: Belief = Belief { mode: 0.1, deviation: 1.0, bounds: (0.005, 10.
 /// How often the parts of a body are put where contacts move them.
 const SETTLING: usize = 4;
 
+/// Deviations by which a part may be elsewhere than where it was put. Of two planes along one side each may lose its
+/// contacts to the other; nothing then holds it where it was put, and the surface had spears of twice its size.
+const STRAYED: f64 = 0.1;
+
 /// A candidate with its hyper-parameters.
 struct Candidate {
     body: Body,
@@ -374,7 +378,7 @@ impl Candidate {
     }
 
     /// The same with the parts of its body where these contacts move them, as far as that makes the
-    /// contacts more probable.
+    /// contacts more probable and they stay there.
     fn settled(self, dimension: usize, contacts: &[Contact]) -> Candidate {
         let noise = self.noise(dimension, contacts);
         let noisy = noisy(contacts, noise);
@@ -389,7 +393,8 @@ impl Candidate {
         let likelihood = |(_, surface): &(Body, Gpis)| surface.log_marginal_likelihood();
         let Some(first) = fitted(self.body.clone()) else { return self };
         let before = likelihood(&first);
-        let all = successors(Some(first), moved).take(1 + SETTLING);
+        let stays = |(body, surface): &(Body, Gpis)| body.strayed(surface.shifts()) < STRAYED;
+        let all = successors(Some(first), moved).take(1 + SETTLING).filter(stays);
         let best = all.max_by(|a, b| likelihood(a).total_cmp(&likelihood(b)));
         let Some(best) = best else { return self };
         let evidence = self.evidence + likelihood(&best) - before;

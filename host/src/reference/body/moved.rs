@@ -20,20 +20,23 @@ const NUDGE: f64 = 1e-5;
 /// cylinder's that was zero is the square of the turn below, and taken for zero again.
 const HOLLOW: f64 = -0.1;
 
+impl Mode {
+    /// Whether it is of planes and quadrics.
+    fn is_movable(&self) -> bool {
+        self.changes.iter().all(|change| matches!(change.more, Part::Plane(_) | Part::Quadric(_)))
+    }
+}
+
 impl Body {
     /// The same body with its planes and quadrics where the modes are `by` of their deviations from
     /// what was believed ([`Gpis::shifts`](crate::reference::Gpis::shifts); zero where there are too few
     /// numbers); planes turn about the point `about`, metres. What is believed stays as it was: to first order the mean
     /// is what it had been. `None` where a part cannot be there, and where there is none to move.
     pub fn moved(&self, by: &[f64], about: &Point) -> Option<Body> {
-        let is_movable = |change: &Change| matches!(change.more, Part::Plane(_) | Part::Quadric(_));
-        let moves = |mode: &Mode| mode.changes.iter().all(is_movable);
-        if !self.modes.iter().any(moves) {
+        if !self.modes.iter().any(Mode::is_movable) {
             return None;
         }
-        let ways = self.modes.iter().zip(by.iter().chain(repeat(&0.0)));
-        let step = |(mode, to): (&Mode, &f64)| if moves(mode) { to - mode.moved } else { 0.0 };
-        let steps: Vec<f64> = ways.map(step).collect();
+        let steps = self.steps(by);
         let parts = (0..self.parts.len()).map(|part| self.placed(part, &steps, about));
         let change_of = |index: usize, part: usize| {
             let nudged = |nudge: f64| {
@@ -45,7 +48,7 @@ impl Body {
             Some(Change { part, more, less })
         };
         let mode = |(index, mode): (usize, &Mode)| {
-            if !moves(mode) {
+            if !mode.is_movable() {
                 return Some(mode.clone());
             }
             let changes = mode.changes.iter().map(|change| change_of(index, change.part));
@@ -60,6 +63,22 @@ impl Body {
             modes: self.modes.iter().enumerate().map(mode).collect::<Option<_>>()?,
             ..self.clone()
         })
+    }
+
+    /// How far from where it was moved to some part is, at most, where the modes are `by` of their deviations from
+    /// what was believed; zero for a body that was not moved. To first order a part that strayed cuts others where
+    /// it is not.
+    pub fn strayed(&self, by: &[f64]) -> f64 {
+        if self.modes.iter().all(|mode| mode.moved == 0.0) {
+            return 0.0;
+        }
+        self.steps(by).into_iter().fold(0.0, |most, step| step.abs().max(most))
+    }
+
+    /// From where the modes are to `by`; zero for those that do not move.
+    fn steps(&self, by: &[f64]) -> Vec<f64> {
+        let ways = self.modes.iter().zip(by.iter().chain(repeat(&0.0)));
+        ways.map(|(mode, to)| if mode.is_movable() { to - mode.moved } else { 0.0 }).collect()
     }
 
     /// A part after so many deviations of each mode.

@@ -457,9 +457,12 @@ proptest! {
             let slope = (at(step) - at(-step)) / (2.0 * step);
             prop_assert!((moved.gradient(&p)[axis] - slope).abs() < 1e-4, "{slope}");
         }
-        // modes say what a little more does,
+        // it strayed by what a little more is more,
         let mut more = by.to_vec();
         more[nudged] += 1e-3;
+        prop_assert!(moved.strayed(by) < 1e-12 && (moved.strayed(&more) - 1e-3).abs() < 1e-12);
+        prop_assert_eq!(body.strayed(&more), 0.0);
+        // modes say what a little more does,
         let Some(there) = body.moved(&more, &origin) else { return Ok(()) };
         let change = decided(&there, &p).0 - field;
         prop_assert!((change - 1e-3 * moved.modes(&p)[nudged].0).abs() < 1e-6, "{change}");

@@ -55,6 +55,31 @@ fn five_contacts_say_more_than_a_ball() {
 }
 
 #[test]
+fn planes_that_take_contacts_from_each_other_make_no_spear() {
+    let options = Options {
+        grasps: Some(1),
+        contacts: 20,
+        outliers: 0.1,
+        touch: Touch::Uniform,
+        seed: 91,
+        ..Options::new("pyramid:0.0424,ngon:8,0.0623".parse().unwrap())
+    };
+    let log = simulate(&options).unwrap().log;
+    let placed = reconstruct::place(&log, &track::truth(&log).unwrap());
+    let contacts: Vec<Contact> = placed.into_iter().map(|p| p.contact).collect();
+    let surface = fit(3, &contacts, &[]).unwrap().surface;
+    // It reaches 62 mm from its middle.
+    let (count, golden) = (3000, 2.4);
+    let about = |i: i32| {
+        let z = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(count);
+        let (sin, cos) = (golden * f64::from(i)).sin_cos();
+        Point::new(z.mul_add(-z, 1.0).sqrt() * cos, z.mul_add(-z, 1.0).sqrt() * sin, z) * 0.14
+    };
+    let points: Vec<Point> = (0..count).map(about).collect();
+    assert!(surface.values(&points).iter().all(|value| *value > 0.0));
+}
+
+#[test]
 fn what_contacts_contradict_is_no_ball() {
     let gained = |seed: u64| {
         let (dimension, contacts, truth) = touched("lshape:0.1x0.08x0.03", 12, seed);
