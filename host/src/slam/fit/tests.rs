@@ -12,10 +12,21 @@ pub(crate) fn touched(
     contacts: usize,
     seed: u64,
 ) -> (usize, Vec<Contact>, Vec<Point>) {
+    touched_of(object, contacts, 0.0, seed)
+}
+
+/// The same of which such a share is wild.
+fn touched_of(
+    object: &str,
+    contacts: usize,
+    outliers: f64,
+    seed: u64,
+) -> (usize, Vec<Contact>, Vec<Point>) {
     let spec: ObjectSpec = object.parse().unwrap();
     let options = Options {
         grasps: Some(1),
         contacts,
+        outliers,
         touch: Touch::Uniform,
         seed,
         ..Options::new(spec.clone())
@@ -56,18 +67,8 @@ fn five_contacts_say_more_than_a_ball() {
 
 #[test]
 fn planes_that_take_contacts_from_each_other_make_no_spear() {
-    let options = Options {
-        grasps: Some(1),
-        contacts: 20,
-        outliers: 0.1,
-        touch: Touch::Uniform,
-        seed: 91,
-        ..Options::new("pyramid:0.0424,ngon:8,0.0623".parse().unwrap())
-    };
-    let log = simulate(&options).unwrap().log;
-    let placed = reconstruct::place(&log, &track::truth(&log).unwrap());
-    let contacts: Vec<Contact> = placed.into_iter().map(|p| p.contact).collect();
-    let surface = fit(3, &contacts, &[]).unwrap().surface;
+    let (dimension, contacts, _) = touched_of("pyramid:0.0424,ngon:8,0.0623", 20, 0.1, 91);
+    let surface = fit(dimension, &contacts, &[]).unwrap().surface;
     // It reaches 62 mm from its middle.
     let (count, golden) = (3000, 2.4);
     let about = |i: i32| {
