@@ -169,21 +169,35 @@ pub fn reconstruct_known(
         return Err(Error::NoContacts);
     }
     let free = free(log, steps);
-    let outside = outside(&free);
     let shape = match faces {
         None => shape(log.dimension, &all, &free, Poses::of(steps), choice, progress)?,
-        Some(faces) => {
-            let trusted = choose::trusted(faces, &all, &outside);
-            let contacts = only(&all, &trusted);
-            let owners = only(&faces.owners, &trusted);
-            let own = faces.faces.clone();
-            let faces = Faces::explaining(log.dimension, &contacts, own, owners);
-            let known = || choose::known(&faces, &contacts, &outside);
-            let felt = Felt { contacts: &contacts, all: &contacts, free: &free };
-            shape_of(log.dimension, felt, &known, Poses::Estimated, choice, progress)?
-        }
+        Some(faces) => of_known(faces, &all, &free, choice, progress)?,
     };
     Ok(Reconstruction::new(shape, placed))
+}
+
+/// The shape of faces that a graph knows. Where some of the contacts are wild, they may have made faces among themselves
+/// in it, or kept sides from it that were felt once: then it is made of the contacts alone.
+fn of_known(
+    faces: &Faces,
+    all: &[Contact],
+    free: &[Free],
+    choice: Choice,
+    progress: Progress<'_>,
+) -> Result<Shape, Error> {
+    let dimension = faces.dimension;
+    let outside = outside(free);
+    let trusted = choose::trusted(faces, all, &outside);
+    let contacts = only(all, &trusted);
+    let are_all = || contacts.len() == all.len() && choose::judge(dimension, all, &outside).is_ok();
+    if choice == Choice::Auto && is_dense(dimension, all) && !are_all() {
+        return among_wild(dimension, all, free, Poses::Estimated, progress);
+    }
+    let owners = only(&faces.owners, &trusted);
+    let faces = Faces::explaining(dimension, &contacts, faces.faces.clone(), owners);
+    let known = || choose::known(&faces, &contacts, &outside);
+    let felt = Felt::believed(&contacts, free);
+    shape_of(dimension, felt, &known, Poses::Estimated, choice, progress)
 }
 
 impl Shape {
@@ -228,19 +242,32 @@ pub fn shape(
     choice: Choice,
     progress: Progress<'_>,
 ) -> Result<Shape, Error> {
-    let none = || None;
-    if choice != Choice::Auto || poses != Poses::Known || !is_dense(dimension, contacts) {
-        let felt = Felt { contacts, all: contacts, free };
-        return shape_of(dimension, felt, &none, poses, choice, progress);
+    if choice == Choice::Auto && poses == Poses::Known {
+        return among_wild(dimension, contacts, free, poses, progress);
     }
+    shape_of(dimension, Felt::believed(contacts, free), &|| None, poses, choice, progress)
+}
+
+/// The same where some contacts may be wild.
+fn among_wild(
+    dimension: usize,
+    contacts: &[Contact],
+    free: &[Free],
+    poses: Poses,
+    progress: Progress<'_>,
+) -> Result<Shape, Error> {
     let outside = outside(free);
+    if !is_dense(dimension, contacts) {
+        let felt = Felt { contacts, all: Some(contacts), free };
+        return shape_of(dimension, felt, &|| None, poses, Choice::Auto, progress);
+    }
     let all = match sift::beside_convex(dimension, contacts, &outside) {
         Some(convex) => only(contacts, &convex),
         None => contacts.to_vec(),
     };
     let trusted = only(&all, &sift::beside_faces(dimension, &all, &outside));
-    let felt = Felt { contacts: &trusted, all: &all, free };
-    shape_of(dimension, felt, &none, poses, choice, progress)
+    let felt = Felt { contacts: &trusted, all: Some(&all), free };
+    shape_of(dimension, felt, &|| None, poses, Choice::Auto, progress)
 }
 
 /// Whether a dense Gaussian process takes so many contacts.
@@ -253,10 +280,18 @@ fn is_dense(dimension: usize, contacts: &[Contact]) -> bool {
 struct Felt<'a> {
     /// Those that are trusted.
     contacts: &'a [Contact],
-    /// And those that may be wild.
-    all: &'a [Contact],
+    /// And those that may be wild, of which all but a few may make a box less smaller boxes; `None` where that is not to
+    /// be asked.
+    all: Option<&'a [Contact]>,
     /// Points outside.
     free: &'a [Free],
+}
+
+impl<'a> Felt<'a> {
+    /// All of them.
+    fn believed(contacts: &'a [Contact], free: &'a [Free]) -> Felt<'a> {
+        Felt { contacts, all: None, free }
+    }
 }
 
 /// The same, of faces that are `known` where flat sides suit the contacts and these are not equal.
@@ -268,13 +303,12 @@ fn shape_of(
     choice: Choice,
     progress: Progress<'_>,
 ) -> Result<Shape, Error> {
-    let Felt { contacts, free, .. } = felt;
+    let Felt { contacts, all, free } = felt;
     let boxes = || {
-        let (polytope, trusted) = notched(dimension, felt)?;
+        let (polytope, trusted) = notched(dimension, contacts, all?, &outside(free))?;
         Some(Shape::flat(polytope, vec![]).doubted(open_beside(dimension, &trusted, free)))
     };
-    let may_be_boxes = choice == Choice::Auto && poses == Poses::Known;
-    let are_first = may_be_boxes && are_boxes_first(dimension, contacts);
+    let are_first = all.is_some() && are_boxes_first(dimension, contacts);
     if are_first && let Some(shape) = boxes() {
         return Ok(shape);
     }
@@ -290,10 +324,7 @@ fn shape_of(
         return Ok(shape.doubted(open_beside(dimension, contacts, free)));
     }
     // Many contacts do not show sides that nobody felt.
-    if may_be_boxes
-        && !are_first
-        && let Some(shape) = boxes()
-    {
+    if !are_first && let Some(shape) = boxes() {
         return Ok(shape);
     }
     if !is_dense(dimension, contacts) {
@@ -330,15 +361,23 @@ fn are_boxes_first(dimension: usize, contacts: &[Contact]) -> bool {
     contacts.len() <= NOTCHED && Faces::fit(dimension, contacts).as_ref().is_some_and(is_doubtful)
 }
 
-/// A box less smaller boxes, where one suits the contacts or all but a few wild ones, and those that it suits.
-fn notched(dimension: usize, felt: Felt<'_>) -> Option<(Polytope, Vec<Contact>)> {
-    let few = |contacts: &[Contact]| evenly(contacts, NOTCHED);
-    let free = outside(felt.free);
-    let contacts = few(felt.contacts);
-    let strict = Found::of(dimension, &contacts, &free).map(|found| (found, contacts));
+/// Whether a box less smaller boxes suits all but a few contacts, where some may be wild.
+pub(crate) fn are_boxes(dimension: usize, contacts: &[Contact]) -> bool {
+    sift::boxes(dimension, &evenly(contacts, NOTCHED), &[]).is_some()
+}
+
+/// A box less smaller boxes, where one suits the contacts or of `all` those that are not wild, and those that it suits.
+fn notched(
+    dimension: usize,
+    contacts: &[Contact],
+    all: &[Contact],
+    free: &[Point],
+) -> Option<(Polytope, Vec<Contact>)> {
+    let contacts = evenly(contacts, NOTCHED);
+    let strict = Found::of(dimension, &contacts, free).map(|found| (found, contacts));
     let (found, contacts) = strict.or_else(|| {
-        let all = few(felt.all);
-        let (found, trusted) = sift::boxes(dimension, &all, &free)?;
+        let all = evenly(all, NOTCHED);
+        let (found, trusted) = sift::boxes(dimension, &all, free)?;
         Some((found, only(&all, &trusted)))
     })?;
     let polytope = solid(&found.faces, &contacts, |point| found.solid.contains(point))?;

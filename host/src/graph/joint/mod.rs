@@ -44,7 +44,7 @@ use nalgebra::Matrix6;
 use crate::log::GraspLog;
 use crate::reference::Contact;
 use crate::slam::choose::{self, only};
-use crate::slam::reconstruct::place;
+use crate::slam::reconstruct::{are_boxes, place};
 use crate::slam::track::Step;
 use crate::space::Pose;
 use problem::Problem;
@@ -96,9 +96,12 @@ fn corrected(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected
         let contacts = place(log, &flat.relative());
         let contacts: Vec<Contact> = contacts.into_iter().map(|p| p.contact).collect();
         let Some(faces) = flat.shape(log) else { return false };
-        let contacts = only(&contacts, &choose::trusted(&faces, &contacts, &[]));
-        choose::fit(flat.per_degree, &contacts)
-            && choose::judge(log.dimension, &contacts, &[]).is_ok()
+        let trusted = only(&contacts, &choose::trusted(&faces, &contacts, &[]));
+        if !choose::fit(flat.per_degree, &trusted) {
+            return false;
+        }
+        choose::judge(log.dimension, &trusted, &[]).is_ok()
+            || flat.owners.contains(&None) && are_boxes(log.dimension, &contacts)
     };
     let is_flat = flat.as_ref().is_some_and(believed);
     let round = round_bodies(&problem, &starts, effort.retrack && !is_flat);
