@@ -16,8 +16,8 @@ use crate::space::Point;
 /// What the user wants.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Choice {
-    /// A box less smaller boxes where contacts at known poses, but for a few wild ones, suit one that is not convex, and
-    /// some face of theirs was felt by few, or they make none that close
+    /// A box less smaller boxes where contacts at known poses, or those that a graph finds wild ones among, suit one
+    /// that is not convex but for a few, and some face of theirs was felt by few, or they make none that close
     /// ([`Found`](crate::reference::notched::Found)); faces where they are trustworthy, see [`judge`], equal
     /// ones where such a body is more probable; the Gaussian process where a round one is
     /// ([`simpler`](super::fit::simpler)), and everywhere else.

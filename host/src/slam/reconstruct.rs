@@ -151,8 +151,8 @@ pub fn reconstruct(
 }
 
 /// The same where faces were estimated together with the poses, from all contacts of the log in their
-/// order: if faces suit the contacts, these are the shape's, and contacts that lie on none may be left out
-/// ([`choose::trusted`]).
+/// order: if they suit all contacts ([`choose::trusted`]), these are the shape's; where some are wild, it is made of
+/// the contacts alone, as of those at known poses but for mirrors.
 ///
 /// # Errors
 /// As [`reconstruct()`].

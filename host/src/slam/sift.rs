@@ -160,7 +160,7 @@ mod tests {
     use crate::quantity::Deviation;
     use crate::reference::faces::Face;
     use crate::shape::polytope::solid;
-    use crate::shape::{align, metrics};
+    use crate::shape::{Geometry, align, metrics};
     use crate::sim::{ObjectSpec, Options, simulate};
     use crate::slam::choose::Choice;
     use crate::slam::fit::tests::touched;
@@ -273,15 +273,20 @@ mod tests {
         assert!(4 * found >= 3 * all && 8 * lost <= all, "{found} of {all}, {lost}");
     }
 
+    /// From a shape to an object after the best rigid alignment, metres.
+    fn hausdorff(made: &Geometry, object: &str) -> f64 {
+        let truth = object.parse::<ObjectSpec>().unwrap().geometry().unwrap();
+        let aligned = align::align(made, &truth);
+        metrics::compare_at(made, &aligned, &truth).unwrap().hausdorff
+    }
+
     #[test]
     fn faces_of_wild_contacts_are_not_believed_where_boxes_explain_the_rest() {
         let error = |seed: u64| {
             let (dimension, contacts, _) = felt("tshape:0.1x0.09x0.03", seed, 0.1);
             let (poses, auto) = (Poses::Known, Choice::Auto);
             let made = shape(dimension, &contacts, &[], poses, auto, &|_, _| {}).unwrap();
-            let truth = "tshape:0.1x0.09x0.03".parse::<ObjectSpec>().unwrap().geometry().unwrap();
-            let aligned = align::align(&made.geometry, &truth);
-            metrics::compare_at(&made.geometry, &aligned, &truth).unwrap().hausdorff
+            hausdorff(&made.geometry, "tshape:0.1x0.09x0.03")
         };
         for seed in [1, 10] {
             assert!(error(seed) < 3e-3, "{seed}: {}", error(seed));
@@ -295,14 +300,12 @@ mod tests {
             let motion_noise = Deviation { length: 5e-3, angle: 10f64.to_radians() };
             let options = Options { seed, outliers: 0.1, motion_noise, ..Options::new(spec) };
             let log = simulate(&options).unwrap().log;
-            let truth = options.object.geometry().unwrap();
             let steps = track::truth(&log).unwrap();
             let joint = Kind::Planes.correct(&log, &steps).unwrap();
             let known = joint.faces.as_ref();
             let made =
                 reconstruct_known(&log, &joint.relative, known, Choice::Auto, &|_, _| {}).unwrap();
-            let aligned = align::align(&made.geometry, &truth);
-            let error = metrics::compare_at(&made.geometry, &aligned, &truth).unwrap().hausdorff;
+            let error = hausdorff(&made.geometry, object);
             // Where contacts of the object are taken for wild, or wild ones for sides, 5.5 and 2.8 mm.
             assert!(error < 2.6e-3, "{object}: {error}");
         }
