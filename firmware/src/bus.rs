@@ -207,7 +207,7 @@ impl<R: Block> Bus<R> {
             if !self.is_owner(line) {
                 return Ok(false);
             }
-            self.claim();
+            self.claim(line);
         }
         for (out, byte) in self.buffers.out.iter().zip(frame) {
             out.store(*byte, Ordering::Relaxed);
@@ -301,10 +301,13 @@ impl<R: Block> Bus<R> {
     }
 
     /// Has the bus for the processor: waits for a frame that is under way, and cuts it short when it
-    /// does not end.
-    fn claim(&self) {
+    /// does not end. One of `line` itself is given up: it would keep the others waiting to be fetched.
+    fn claim(&self, line: u32) {
         if (0..TRIES).all(|_| self.settle() == Phase::Running) {
             self.stop();
+        }
+        if self.is_owner(line) {
+            self.enter(Phase::Idle);
         }
     }
 }
@@ -372,7 +375,7 @@ impl<R, D> ErrorType for Chip<'_, R, D> {
 
 impl<R: Block, D: DelayNs> SpiDevice for Chip<'_, R, D> {
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), ErrorKind> {
-        self.bus.claim();
+        self.bus.claim(self.line);
         self.bus.select(self.line);
         let outcome = self.run(operations);
         let idle = self.bus.deselect();

@@ -88,7 +88,13 @@ impl<P: Sampler> Watched<P> {
         }
         self.polled = now;
         match self.stage {
-            Stage::Failed if now.wrapping_sub(self.since) < RETRY_US => return Ok(None),
+            Stage::Failed if now.wrapping_sub(self.since) < RETRY_US => {
+                // A frame that nobody fetches would keep the bus from the other sensors.
+                if self.sensor.is_under_way() {
+                    let _late = self.sensor.poll();
+                }
+                return Ok(None);
+            }
             Stage::New | Stage::Failed => {
                 (self.stage, self.since) = (Stage::Failed, now);
                 self.begun = None;

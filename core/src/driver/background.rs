@@ -5,7 +5,8 @@ use embedded_hal::spi::SpiDevice;
 /// A device on a bus that can exchange a whole frame by itself, as one with DMA does.
 ///
 /// One frame of one device is under way at a time. A device that wants the bus for an ordinary
-/// transaction waits, for a bounded time, until it is through; the frame stays there to be fetched.
+/// transaction waits, for a bounded time, until it is through; the frame stays there to be fetched, unless
+/// it is that device's own, which is given up.
 pub trait BackgroundDevice: SpiDevice {
     /// Begins to exchange `frame`; false, and nothing is begun, while the bus carries another
     /// device's frame or that was not fetched yet. An earlier frame of this device is given up.

@@ -496,6 +496,21 @@ fn what_goes_wrong_is_told_and_mended() {
 }
 
 #[test]
+fn a_chip_that_cannot_be_started_again_leaves_the_bus_to_the_others() {
+    for controller in [Controller::Works, Controller::Stalls] {
+        let (mut chips, hardware) = hand(Controller::Works);
+        hardware.borrow_mut().controller = controller;
+        assert_eq!(chips[0].poll(), Ok(None));
+        assert!(chips[0].is_under_way());
+        hardware.borrow_mut().chips[0].set_fault(Fault::Missing);
+        assert_eq!(chips[0].start(), Err(DriverError::Missing));
+        hardware.borrow_mut().controller = Controller::Works;
+        assert_eq!(chips[1].poll(), Ok(None));
+        assert!(chips[1].is_under_way());
+    }
+}
+
+#[test]
 fn starting_is_exactly_these_writes() {
     let (_, hardware) = built(Controller::Works);
     // Everybody deselected; master, second edge, an eighth of the clock, software selection; then on.

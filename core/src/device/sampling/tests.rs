@@ -1,11 +1,16 @@
+use core::cell::RefCell;
 use std::collections::VecDeque;
+use std::rc::Rc;
 use std::vec;
 use std::vec::Vec;
 
+use embedded_hal::spi::{ErrorKind, ErrorType, Operation, SpiDevice};
 use proptest::prelude::*;
 
 use super::*;
 use crate::device::{Device, FINGERS, Fingers, SpatialHypotheses};
+use crate::driver::ads131m08::Overlapped;
+use crate::driver::background::BackgroundDevice;
 use crate::driver::emulated::Fault;
 use crate::space::{Pose, Spatial, SpatialPose};
 use crate::track::hypotheses::Hypotheses;
@@ -153,6 +158,76 @@ impl Board for Bare {
 
     fn vitals(&mut self) -> Vitals {
         Vitals::default()
+    }
+}
+
+/// Whose frame a bus carries, and what came back.
+type Carried = Option<(usize, Vec<u8>)>;
+
+/// An emulated chip on a bus that it shares.
+struct Sharing {
+    chip: Rc<RefCell<Ads131m08Chip>>,
+    line: usize,
+    bus: Rc<RefCell<Carried>>,
+}
+
+impl ErrorType for Sharing {
+    type Error = ErrorKind;
+}
+
+impl SpiDevice for Sharing {
+    fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), ErrorKind> {
+        self.bus.borrow_mut().take_if(|(line, _)| *line == self.line);
+        self.chip.borrow_mut().transaction(operations).map_err(|never| match never {})
+    }
+}
+
+impl BackgroundDevice for Sharing {
+    fn begin(&mut self, frame: &[u8]) -> Result<bool, ErrorKind> {
+        let mut bus = self.bus.borrow_mut();
+        if bus.as_ref().is_some_and(|(line, _)| *line != self.line) {
+            return Ok(false);
+        }
+        let mut bytes = frame.to_vec();
+        self.chip.borrow_mut().transfer_in_place(&mut bytes).map_err(|never| match never {})?;
+        *bus = Some((self.line, bytes));
+        Ok(true)
+    }
+
+    fn fetch(&mut self, frame: &mut [u8]) -> Result<bool, ErrorKind> {
+        let own = self.bus.borrow_mut().take_if(|(line, _)| *line == self.line);
+        frame.copy_from_slice(&own.ok_or(ErrorKind::Other)?.1);
+        Ok(true)
+    }
+}
+
+#[test]
+fn one_that_is_stuck_leaves_the_bus_to_the_others() {
+    // It is given up at a poll that begins a frame, or at one that fetches it.
+    for earlier in [0, 1] {
+        let bus = Rc::new(RefCell::new(None));
+        let chips = [1, 2].map(|n| Rc::new(RefCell::new(Ads131m08Chip::showing([n; 8]))));
+        let sensors = [0, 1].map(|line| {
+            let spi = Sharing { chip: chips[line].clone(), line, bus: bus.clone() };
+            Overlapped::new(Ads131m08::polled(spi, NoDelay, ads131m08::Settings::GAUGES))
+        });
+        let mut board = Sensing::new(Bare::default(), sensors);
+        for _ in 0..earlier {
+            let _ = board.sample(0);
+        }
+        chips[0].borrow_mut().set_fault(Fault::Stuck);
+        let mut stuck = 0;
+        for _ in 0..1000 {
+            board.board.clock += 100;
+            stuck += u32::from(board.sample(0) == Err(DriverError::Timeout));
+            let _ = board.sample(1);
+        }
+        assert!(stuck > 0, "{earlier}");
+        let others = (0..10).filter(|_| {
+            let _ = board.sample(0);
+            board.sample(1).is_ok_and(|sample| sample.is_some())
+        });
+        assert!(others.count() >= 4, "{earlier}");
     }
 }
 
