@@ -260,13 +260,15 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
     }
 
     /// Takes v·vᵀ away from the matrix by hyperbolic rotations, about n² multiplications and
-    /// 3·`ROWS` numbers of stack. What is left must be positive definite: where it is not, or not
-    /// beyond rounding, diagonals end at a thousandth of what they were. A v shorter than `rows()`
-    /// changes nothing.
+    /// 3·`ROWS` numbers of stack. What is left must be positive definite: where it would not be, or not
+    /// beyond rounding, less is taken away. A v shorter than `rows()` changes nothing.
     pub fn downdate(&mut self, v: &[f32]) {
         let n = if v.len() < self.rows { 0 } else { self.rows };
         // The rotation of each column: 1/cosh, tanh, cosh.
         let mut turns = [(1.0f32, 0.0f32, 1.0f32); ROWS];
+        // 1 − |L⁻¹v|² of the rows so far. Below this later rows, which grow by its root, are rounding errors.
+        const LEAST: f32 = 1e-6;
+        let mut left = 1.0;
         for i in 0..n {
             let row = &mut self.lower[start(i)..start(i + 1)];
             let mut v = v[i];
@@ -285,10 +287,12 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
             let d = row[i];
             let left = d * d - v * v;
             // NaN fails the comparison.
-            let r = if left > 1e-6 * d * d { math::sqrt(left) } else { 1e-3 * d };
-            turns[i] = (r / d, v / d, d / r);
-            row[i] = r;
-            self.inverse_diagonal[i] = 1.0 / r;
+            if left * c * c > LEAST {
+                left *= c * c;
+                turns[i] = (c, v / d, d / r);
+                row[i] = r;
+                self.inverse_diagonal[i] = 1.0 / r;
+            }
         }
     }
 

@@ -223,3 +223,22 @@ fn a_full_factor_stages_nothing() {
     }
     assert_eq!(f.append_independent(&mut [[0.5]], [1.0]), Err(NotPositiveDefinite));
 }
+
+#[test]
+fn taking_more_away_than_there_is_leaves_a_factor() {
+    const ROWS: usize = 40;
+    let mut f = Cholesky::<ROWS, { packed(ROWS) }>::new();
+    for i in 0..ROWS {
+        f.stage(0).fill(0.9);
+        f.stage(0)[i] = 1.0;
+        f.append().unwrap();
+    }
+    for more in [0.96, 1.0, 1.2, 1e6, f32::NAN] {
+        let mut f = f.clone();
+        f.downdate(&[more; ROWS]);
+        let mut x = [1.0; ROWS];
+        f.forward(&mut x);
+        assert!(more.is_nan() || x.iter().all(|x| x.abs() < 1e4), "{more}: {x:?}");
+        assert!(f.half_log_determinant().is_finite());
+    }
+}

@@ -353,3 +353,33 @@ fn errors_in_common_are_part_of_the_model() {
     let contacts: Vec<Contact<Spatial>> = (0..9).map(ellipsoid).collect();
     in_common(Gpis::<Spatial, _, _, 24, 96, { packed(96) }>::new(), &contacts);
 }
+
+#[test]
+fn a_full_map_survives_places_known_far_better_than_others() {
+    type Few = Gpis<Planar, Matern32, Ball<Planar>, 14, 42, { packed(42) }>;
+    // A finger at rest without normals, now and then a hundred times as exact; then others.
+    for seed in 0..40 {
+        let mut random = crate::random::Random::new(seed);
+        let mut few = Few::new();
+        few.configure(MATERN, Ball::UNSET, Training::Normals);
+        let mut touch = |point, normal| {
+            let point_deviation = if random.uniform() < 0.5 { 1e-5 } else { 1e-3 };
+            let normal_deviation = if random.uniform() < 0.5 { 0.01 } else { 0.09 };
+            few.insert(&Contact { point, normal, point_deviation, normal_deviation, finger: 0 });
+            few.refit();
+            let probe = few.probe(Vector([0.01, 0.02]));
+            assert!(probe.value.abs() < 1.0 && probe.gradient.is_finite(), "{seed}: {probe:?}");
+            random.normal::<Vector<2>>()
+        };
+        let mut place = Vector([-0.034, -0.008]);
+        for _ in 0..16 {
+            touch(place, None);
+        }
+        for _ in 0..20 {
+            let next = touch(place, None);
+            place = next * 0.04;
+            let Some(normal) = next.normalized() else { continue };
+            touch(normal * 0.04, Some(normal));
+        }
+    }
+}
