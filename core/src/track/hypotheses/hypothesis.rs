@@ -159,5 +159,6 @@ impl<S: Chart, const FACES: usize, const ROWS: usize, const PACKED: usize, const
             self.planes[face] = plane;
             self.joint.transform(first, S::DIMENSION - 1, |i, j| new[i].dot(old[j]));
         }
+        self.joint.keep_variances();
     }
 }

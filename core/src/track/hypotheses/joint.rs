@@ -78,6 +78,14 @@ impl<const ROWS: usize, const PACKED: usize> Joint<ROWS, PACKED> {
         self.lower[Self::index(row, row)] += variance;
     }
 
+    /// Puts zero where rounding has taken more than there was.
+    pub fn keep_variances(&mut self) {
+        for row in 0..self.rows {
+            let own = &mut self.lower[Self::index(row, row)];
+            *own = crate::math::max(*own, 0.0);
+        }
+    }
+
     /// `out` = P·hᵀ.
     pub fn times(&self, h: Sparse<'_>, out: &mut [f32; ROWS]) {
         let out = &mut out[..self.rows];

@@ -7,6 +7,10 @@ use crate::space::{Pose, Space};
 
 use super::chart::{Chart, across};
 
+/// Least deviations of a contact: of its point, metres, and of its normal, radians. Below them the joint
+/// covariance loses in rounding what it would gain.
+const LEAST: [f32; 2] = [1e-5, 1e-2];
+
 /// The plane n·p = ρ in the object frame. It is displaced by coordinates across n (radians), then ρ
 /// (metres).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -151,13 +155,16 @@ impl<S: Space> Touch<S> {
         normal_variance: 0.0,
     };
 
+    /// What a contact tells, which never does without doubt.
     pub fn of(contact: &Contact<S>) -> Self {
+        let point_deviation = math::max(contact.point_deviation, LEAST[0]);
+        let normal_deviation = math::max(contact.normal_deviation, LEAST[1]);
         Touch {
             point: contact.point,
             normal: contact.normal.unwrap_or(S::Vector::ZERO),
             directed: contact.normal.is_some(),
-            point_variance: contact.point_deviation * contact.point_deviation,
-            normal_variance: contact.normal_deviation * contact.normal_deviation,
+            point_variance: point_deviation * point_deviation,
+            normal_variance: normal_deviation * normal_deviation,
         }
     }
 }

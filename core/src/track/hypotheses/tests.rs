@@ -372,3 +372,29 @@ fn boards_have_room() {
     let most = [12, 25, 36].map(|kilobytes| kilobytes * 1024);
     assert!(sizes.iter().zip(most).all(|(size, most)| *size <= most), "{sizes:?}");
 }
+
+#[test]
+fn contacts_of_an_ideal_sensor_leave_no_negative_variance() {
+    let square = Polygon::rectangle(0.05, 0.03);
+    for seed in 0..20 {
+        let mut random = Random::new(seed);
+        let mut tracker = Box::new(Plane2::new());
+        for k in 0..30 {
+            let pose = match k {
+                0 => PlanarPose::IDENTITY,
+                _ => PlanarPose::IDENTITY.retract(random.normal::<Vector<3>>() * 0.01),
+            };
+            let touch = |side, share| {
+                let (point, normal) = square.at(side, share);
+                let exact = contact(pose.transform(point), pose.rotate(normal));
+                Contact { point_deviation: 1e-6, normal_deviation: 1e-3, ..exact }
+            };
+            let contacts: Vec<_> =
+                (0..8).map(|i| touch(i / 2, 0.1 + 0.8 * random.uniform())).collect();
+            let estimate = tracker.update(None, view(&contacts));
+            let variances = [0, 1, 2].map(|i| estimate.covariance.at(i, i));
+            assert!(variances.iter().all(|v| *v >= 0.0), "{seed}, {k}: {variances:?}");
+            assert_ne!(estimate.status, Status::Lost, "{seed}, {k}");
+        }
+    }
+}
