@@ -138,3 +138,6 @@ impl<S: Space> Estimate<S> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -151,6 +151,7 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
     pub fn configure(&mut self, motion: MotionNoise, seed: u64) {
         self.running = Some(Running { motion, random: Random::new(seed) });
         self.genealogy.clear();
+        self.place(S::Pose::UNSET);
         self.grasps = 0;
         self.lost = 0;
         self.started = false;
