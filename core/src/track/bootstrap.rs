@@ -12,7 +12,7 @@ use crate::space::{Pose, Space};
 use crate::surface::{Insertion, Map};
 use crate::track::likelihood::{is_strange, log_free, log_likelihood};
 use crate::track::particles::Particles;
-use crate::track::{Estimate, MotionNoise, Separation, Status, Tracker};
+use crate::track::{Estimate, MotionNoise, Separation, Status, Tracker, is_plausible};
 
 /// The thesis' condition on a pose (3.5.1): enough contacts of the grasp must lie close to contacts
 /// already in the map, or its likelihood is zero. Of a grasp with fewer contacts, all must.
@@ -139,7 +139,7 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
     fn predict(&mut self, motion: Option<&S::Pose>) {
         let running = self.running.get_or_insert_with(|| Running::new(Settings::DEFAULT));
         let noise = running.motion.after_losing(self.lost);
-        let motion = motion.filter(|m| m.is_finite());
+        let motion = motion.filter(|m| is_plausible::<S>(m));
         for pose in self.particles.poses_mut() {
             let moved = motion.map_or(*pose, |m| m.compose(pose));
             *pose = noise.disturb::<S>(&moved, &mut running.random);

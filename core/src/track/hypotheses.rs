@@ -47,7 +47,7 @@ use crate::math;
 use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
 use crate::track::automatic::{Evidence, wild};
-use crate::track::{Estimate, Modes, MotionNoise, Separation, Status, Tracker};
+use crate::track::{Estimate, Modes, MotionNoise, Separation, Status, Tracker, is_plausible};
 use beam::TOUCHES;
 use explanation::Outcome;
 use hypothesis::Hypothesis;
@@ -240,7 +240,7 @@ impl<
 
     /// Moves every hypothesis as the hand meant to, and adds the doubt about that.
     fn predict(&mut self, motion: Option<&S::Pose>) {
-        let motion = motion.filter(|m| m.is_finite());
+        let motion = motion.filter(|m| is_plausible::<S>(m));
         // Unknown motion is taken for rest with twice the noise.
         let factor = if motion.is_some() { 1.0 } else { 2.0 };
         let noise = self.settings.motion;

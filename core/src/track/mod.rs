@@ -21,14 +21,16 @@ pub use observability::Observability;
 pub use rao_blackwell::RaoBlackwell;
 
 use crate::contact::GraspView;
-use crate::space::Space;
+use crate::matrix::Coordinates;
+use crate::space::{Pose, Space};
 
 /// One grasp in, one estimate out. The first grasp fixes the object frame: its origin at the
 /// centroid of the contacts, its axes along the world's.
 pub trait Tracker<S: Space> {
     /// Predicts with `motion`, weighs and corrects with the grasp, then adds its contacts to the
-    /// shape. `motion` maps world to world (predicted pose = motion ∘ previous pose); `None` means
-    /// unknown (the noise alone predicts), and on the first grasp nothing.
+    /// shape. `motion` maps world to world (predicted pose = motion ∘ previous pose); `None`, or one that
+    /// is not finite or goes further than 10 km, means unknown (the noise alone predicts), and on the
+    /// first grasp nothing.
     ///
     /// Contacts that are not finite or not normalised are dropped and counted; an empty grasp only
     /// predicts.
@@ -46,6 +48,12 @@ pub trait Tracker<S: Space> {
     fn recall(&self, _grasp: u32) -> Option<S::Pose> {
         None
     }
+}
+
+/// Whether the hand can have meant a motion: finite, and so near that no pose overflows.
+pub(crate) fn is_plausible<S: Space>(motion: &S::Pose) -> bool {
+    const FURTHEST: f32 = 1e4;
+    motion.is_finite() && motion.translation().norm_squared() <= FURTHEST * FURTHEST
 }
 
 /// How much an estimate is worth.

@@ -24,7 +24,7 @@ use crate::matrix::Coordinates;
 use crate::random::Random;
 use crate::space::{self, Pose, Space};
 use crate::track::particles::{effective, multiply, resample};
-use crate::track::{Estimate, Modes, MotionNoise, Separation, Status, Tracker};
+use crate::track::{Estimate, Modes, MotionNoise, Separation, Status, Tracker, is_plausible};
 use genealogy::Genealogy;
 use proposal::{Drawn, Prior, draw, free};
 
@@ -373,7 +373,7 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
 {
     fn update(&mut self, motion: Option<&S::Pose>, grasp: GraspView<'_, S>) -> Estimate<S> {
         let contacts = grasp.usable().count();
-        let motion = motion.filter(|m| m.is_finite());
+        let motion = motion.filter(|m| is_plausible::<S>(m));
         let mut status = Status::Started;
         if !self.started {
             self.place(S::Pose::from_translation(centroid(&grasp)));

@@ -7,10 +7,10 @@ use crate::contact::{Contact, GraspView};
 use crate::device::{
     Onboard, PlanarAutomatic, PlanarCurved, PlanarHypotheses, PlanarRaoBlackwell, PlanarTracker,
 };
-use crate::matrix::Vector;
-use crate::space::Planar;
+use crate::matrix::{Coordinates, Vector};
+use crate::space::{Planar, PlanarPose, Pose};
 use crate::surface::{Gpis, Truncated};
-use crate::track::{Automatic, Bootstrap, Curved, Hypotheses, RaoBlackwell};
+use crate::track::{Automatic, Bootstrap, Curved, Hypotheses, RaoBlackwell, Status};
 
 /// Two touches on each side of a rectangle of 100 × 60 mm.
 fn touches() -> Vec<Contact<Planar>> {
@@ -37,6 +37,33 @@ macro_rules! each {
         let automatic = Automatic::new(Hypotheses::new(), Curved::new(Gpis::new()));
         $check("automatic", &mut *Box::<PlanarAutomatic>::new(automatic));
     };
+}
+
+fn outlives_motions<T: Onboard<Planar>>(name: &str, tracker: &mut T) {
+    let contacts = touches();
+    tracker.prepare();
+    let mut grasp = |motion: Option<&PlanarPose>| {
+        tracker.update(motion, GraspView { contacts: &contacts, free: &[] })
+    };
+    let mut estimate = grasp(None);
+    for motion in [[3e38, 3e38, 0.7], [3e38, 3e38, 0.7], [-2e19, 0.0, 0.0], [f32::NAN, 0.0, 0.0]] {
+        let far = PlanarPose::new(Vector([motion[0], motion[1]]), motion[2]);
+        estimate = grasp(Some(&far));
+        assert!(estimate.pose.is_finite(), "{name} after {motion:?}");
+    }
+    for _ in 0..4 {
+        estimate = grasp(Some(&PlanarPose::IDENTITY));
+    }
+    assert!(
+        matches!(estimate.status, Status::Tracking | Status::Ambiguous),
+        "{name}: {estimate:?}"
+    );
+    assert!(estimate.pose.translation.norm() < 0.02, "{name}: {estimate:?}");
+}
+
+#[test]
+fn motions_that_no_hand_makes_do_not_lose_the_object() {
+    each!(outlives_motions);
 }
 
 fn forgets<T: Onboard<Planar>>(name: &str, tracker: &mut T) {

@@ -225,10 +225,12 @@ impl<S: WireSpace> BeliefFrame<S> {
         BeliefFrame { pose: S::pack_pose(pose), deviations, correlations }
     }
 
-    /// The pose and its covariance, or `None` when a number is not finite.
+    /// The pose and its covariance, or `None` when a number is not finite or the object further away
+    /// than 10 km.
     pub fn belief(&self) -> Option<(S::Pose, S::Covariance)> {
         let finite = self.deviations.as_ref().iter().all(|d| d.is_finite());
-        let pose = S::unpack_pose(self.pose).filter(|_| finite)?;
+        let near = |pose: &S::Pose| finite && track::is_plausible::<S>(pose);
+        let pose = S::unpack_pose(self.pose).filter(near)?;
         Some((pose, unpacked::<S>(&self.deviations, &self.correlations)))
     }
 }

@@ -272,7 +272,7 @@ pub enum Refusal {
     Settings,
     /// This grasp already has a motion; the first one stays.
     MotionTwice,
-    /// A number of the motion is not finite.
+    /// A number of the motion is not finite, or it goes further than 10 km or turns beyond 10⁵ radians.
     Motion,
     /// The grasp holds as many contacts (or free points) as it can; those it has stay.
     Full,
@@ -318,7 +318,7 @@ impl core::fmt::Display for Refusal {
             Refusal::Version => "the protocol's version is another",
             Refusal::Settings => "a standard deviation is not positive and finite",
             Refusal::MotionTwice => "the grasp already has a motion",
-            Refusal::Motion => "the motion is not finite",
+            Refusal::Motion => "the motion is not finite, or too large",
             Refusal::Full => "the grasp is full",
             Refusal::NoEstimate => "no grasp has been committed yet",
             Refusal::NoSuch => "there are not so many",

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::frame::Settings;
 use super::quantity::{WireSpace, nearest};
 use crate::contact::{Contact, FreePoint};
+use crate::track::is_plausible;
 
 /// A motion, world to world: predicted pose = motion ∘ previous pose.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -20,9 +21,9 @@ impl<S: WireSpace> MotionFrame<S> {
         MotionFrame { numbers: S::pack_pose(motion) }
     }
 
-    /// The motion, or `None` when a number is not finite.
+    /// The motion, or `None` when a number is not finite or it goes further than 10 km.
     pub fn motion(&self) -> Option<S::Pose> {
-        S::unpack_pose(self.numbers)
+        S::unpack_pose(self.numbers).filter(is_plausible::<S>)
     }
 }
 

@@ -6,6 +6,7 @@ use crate::math;
 use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
 use crate::surface::Joint;
+use crate::track::is_plausible;
 
 /// Points along a way at which the surface is looked for: what is thinner than a sixteenth of the way
 /// through the body may be missed.
@@ -67,7 +68,7 @@ impl<S: Space, M: Joint<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
             let deviation = if i < S::DIMENSION { noise.translation } else { noise.rotation };
             *covariance.at_mut(i, i) += deviation * deviation;
         }
-        let motion = motion.filter(|m| m.is_finite());
+        let motion = motion.filter(|m| is_plausible::<S>(m));
         Some(Foreseen {
             map: &self.map,
             pose: motion.map_or(pose, |m| m.compose(&pose)),

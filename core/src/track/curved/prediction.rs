@@ -8,7 +8,7 @@ use crate::math;
 use crate::matrix::Square;
 use crate::space::{Pose, Space};
 use crate::surface::Revisable;
-use crate::track::MotionNoise;
+use crate::track::{MotionNoise, is_plausible};
 
 impl<
     S: Space,
@@ -27,7 +27,7 @@ impl<
 
     /// Moves on: what happened since the last remembered grasp.
     pub(super) fn move_on(&mut self, motion: Option<&S::Pose>) {
-        let motion = motion.filter(|m| m.is_finite());
+        let motion = motion.filter(|m| is_plausible::<S>(m));
         let noise = match motion {
             Some(motion) => {
                 self.pending.motion = motion.compose(&self.pending.motion);

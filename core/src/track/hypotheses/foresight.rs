@@ -10,6 +10,7 @@ use crate::math;
 use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
 use crate::surface::{Kernel, Matern32};
+use crate::track::is_plausible;
 
 /// How a surface may stray from what is believed of it where nothing was touched: as the boards' maps
 /// of curved objects have it. For some millimetres beyond a touch that is half as far as one goes.
@@ -101,7 +102,7 @@ impl<
         for (_, point) in best.witnesses() {
             radius = math::max(radius, (point - middle).norm_squared());
         }
-        let motion = motion.filter(|m| m.is_finite());
+        let motion = motion.filter(|m| is_plausible::<S>(m));
         let noise = self.settings.motion;
         Some(Foreseen {
             best,
