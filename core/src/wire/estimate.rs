@@ -182,7 +182,10 @@ pub struct FaceFrame<S: WireSpace> {
 impl<S: WireSpace> FaceFrame<S> {
     /// Packs face `number` of so many.
     pub fn new(face: &FaceSummary<S>, number: u8, of: u8) -> Self {
-        let counted = |v: f32| nearest(v).clamp(0, u16::MAX.into()) as u16;
+        let counted = |v: f32| match v {
+            v if v.is_nan() => u16::MAX,
+            v => nearest(v).clamp(0, u16::MAX.into()) as u16,
+        };
         FaceFrame {
             number,
             of,
@@ -235,9 +238,13 @@ impl<S: WireSpace> BeliefFrame<S> {
     }
 }
 
-/// Standard deviations and correlations of a covariance.
+/// Standard deviations and correlations of a covariance. What is not a number stays none: zero would be
+/// certainty.
 fn packed<S: WireSpace>(covariance: &S::Covariance) -> (S::Deviations, S::Correlations) {
-    let deviation = |i| math::sqrt(covariance.at(i, i).max(0.0));
+    let deviation = |i| match covariance.at(i, i) {
+        variance if variance < 0.0 => 0.0,
+        variance => math::sqrt(variance),
+    };
     let (mut deviations, mut correlations) = (S::Deviations::default(), S::Correlations::default());
     for (i, d) in AsMut::<[f32]>::as_mut(&mut deviations).iter_mut().enumerate() {
         *d = deviation(i);

@@ -198,16 +198,16 @@ impl Settings {
         seed: 0,
     };
 
-    /// Whether every deviation is finite, the contact's above zero and the motion's not below.
+    /// Largest deviation, metres or radians: nothing is known then, and squares are far from overflowing.
+    pub const LARGEST: f32 = 1e3;
+
+    /// Whether no deviation is above [`LARGEST`](Self::LARGEST), the contact's are above zero and the
+    /// motion's not below.
     pub fn is_valid(&self) -> bool {
-        let finite = [self.point, self.normal, self.translation, self.rotation]
-            .iter()
-            .all(|v| v.is_finite());
-        finite
+        let known = |v: f32| (0.0..=Self::LARGEST).contains(&v);
+        [self.point, self.normal, self.translation, self.rotation].into_iter().all(known)
             && self.point > 0.0
             && self.normal > 0.0
-            && self.translation >= 0.0
-            && self.rotation >= 0.0
     }
 }
 
@@ -268,7 +268,7 @@ pub enum Refusal {
     NotGreeted,
     /// The host speaks another version of the protocol; the `Hello` that comes along names ours.
     Version,
-    /// Deviations must be finite, a contact's above zero and a motion's not below.
+    /// Deviations must be at most [`Settings::LARGEST`], a contact's above zero and a motion's not below.
     Settings,
     /// This grasp already has a motion; the first one stays.
     MotionTwice,
@@ -316,7 +316,7 @@ impl core::fmt::Display for Refusal {
         f.write_str(match self {
             Refusal::NotGreeted => "the board has started and was not greeted",
             Refusal::Version => "the protocol's version is another",
-            Refusal::Settings => "a standard deviation is not positive and finite",
+            Refusal::Settings => "a standard deviation is not positive, or too large",
             Refusal::MotionTwice => "the grasp already has a motion",
             Refusal::Motion => "the motion is not finite, or too large",
             Refusal::Full => "the grasp is full",

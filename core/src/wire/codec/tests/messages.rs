@@ -531,3 +531,28 @@ fn a_contact_keeps_its_own_noise_or_takes_the_usual() {
     let small = Contact { normal_deviation: 1e-9, ..contact() };
     assert!(ContactFrame::new(&small, 0.1).contact(&settings).normal_deviation > 0.0);
 }
+
+#[test]
+fn what_would_overflow_is_not_taken() {
+    let mut settings = Settings { rotation: Settings::LARGEST, ..Settings::DEFAULT };
+    assert!(settings.is_valid());
+    for broken in [1e30, 1.1 * Settings::LARGEST, f32::INFINITY, f32::NAN, -1.0] {
+        settings.translation = broken;
+        assert!(!settings.is_valid(), "{broken}");
+    }
+    assert!(MotionFrame::<Planar> { numbers: [9e3, 0.0, 0.7] }.motion().is_some());
+    assert!(MotionFrame::<Planar> { numbers: [3e38, 3e38, 0.7] }.motion().is_none());
+    let far = PlanarPose::new(Vector([3e38, 0.0]), 0.0);
+    assert!(BeliefFrame::<Planar>::new(&far, &Matrix([[0.0; 3]; 3])).belief().is_none());
+}
+
+#[test]
+fn what_is_not_known_is_not_said_to_be_certain() {
+    let mut covariance = Matrix([[1e-4, 0.0, 0.0], [0.0, f32::NAN, 0.0], [0.0, 0.0, -1e-9]]);
+    covariance.0[0][1] = f32::NAN;
+    let frame = BeliefFrame::<Planar>::new(&PlanarPose::IDENTITY, &covariance);
+    assert!((frame.deviations[0] - 0.01).abs() < 1e-8);
+    assert!(frame.deviations[1].is_nan() && frame.deviations[2] == 0.0);
+    let face = FaceSummary { deviation: f32::NAN, ..face() };
+    assert_eq!(FaceFrame::new(&face, 0, 1).deviation, u16::MAX);
+}
