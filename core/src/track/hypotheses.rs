@@ -352,6 +352,7 @@ impl<
         }
         let mut outcome = Outcome::default();
         let mut felt = grasp.usable();
+        let mut free = grasp.free;
         loop {
             let mut count = 0;
             for (touch, contact) in self.touches.iter_mut().zip(&mut felt) {
@@ -361,7 +362,8 @@ impl<
             if count == 0 {
                 break;
             }
-            let part = self.absorb(count, &grasp);
+            // What was not touched is told once, however many parts there are.
+            let part = self.absorb(count, core::mem::take(&mut free));
             outcome.dropped = outcome.dropped.saturating_add(part.dropped);
             outcome.corrected |= part.corrected && begun;
             outcome.density += part.density;

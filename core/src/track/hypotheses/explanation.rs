@@ -5,7 +5,7 @@ use super::chart::Chart;
 use super::hypothesis::Hypothesis;
 use super::plane::Touch;
 use super::search::{Felt, Odds};
-use crate::contact::GraspView;
+use crate::contact::FreePoint;
 use crate::math;
 use crate::matrix::Coordinates;
 use crate::space::{Pose, Space};
@@ -43,15 +43,16 @@ impl<
         }
     }
 
-    /// Explains the first `count` touches by every hypothesis and keeps the best explanations.
-    pub(super) fn absorb(&mut self, count: usize, grasp: &GraspView<'_, S>) -> Outcome {
+    /// Explains the first `count` touches and the free points by every hypothesis and keeps the best
+    /// explanations.
+    pub(super) fn absorb(&mut self, count: usize, free: &[FreePoint<S>]) -> Outcome {
         let lost = self.lost > 0;
         let wider = if lost { [0.1 * 0.1, 1.5 * 1.5] } else { [0.0; 2] };
         self.search.clear();
         for number in 0..self.count {
             let slot = usize::from(self.order[number]);
             let odds = self.odds(slot);
-            let felt = Felt { touches: &self.touches[..count], free: grasp.free, wider };
+            let felt = Felt { touches: &self.touches[..count], free, wider };
             // The less likely a hypothesis, the fewer ways it gets to explain the grasp.
             let share = match self.slots[slot].weight {
                 w if w > -2.0 => 1,
@@ -86,7 +87,7 @@ impl<
         }
         let corrected = known > 0;
         let dropped = best.wild.into();
-        self.select(count, grasp.free, wider);
+        self.select(count, free, wider);
         Outcome { corrected, lost: false, dropped, density }
     }
 

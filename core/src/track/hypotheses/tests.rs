@@ -398,3 +398,27 @@ fn contacts_of_an_ideal_sensor_leave_no_negative_variance() {
         }
     }
 }
+
+#[test]
+fn free_fingers_count_once_however_many_contacts_there_are() {
+    let square = Polygon::rectangle(0.03, 0.03);
+    let mut random = Random::new(2);
+    let mut tracker = Box::new(Plane2::new());
+    for k in 0..6 {
+        tracker.update(None, view(&square.grasp(&PlanarPose::IDENTITY, k, &mut random)));
+    }
+    tracker.update(None, view(&[]));
+    tracker.set_motion_noise(MotionNoise { translation: 0.0, rotation: 0.0 });
+    // As many as are explained together, twice.
+    let sides: Vec<_> = (0..2 * TOUCHES)
+        .map(|i| square.at(2 * (i % 2), 0.3 + 0.01 * i as f32))
+        .map(|(point, normal)| contact(point, normal))
+        .collect();
+    let free = [crate::contact::FreePoint { point: Vector([0.0, 0.024]), finger: 0 }];
+    let rest = Some(&PlanarPose::IDENTITY);
+    let mut other = tracker.clone();
+    let at_once = tracker.update(rest, GraspView { contacts: &sides, free: &free }).pose;
+    other.update(rest, GraspView { contacts: &sides[..TOUCHES], free: &free });
+    let in_turn = other.update(rest, view(&sides[TOUCHES..])).pose;
+    assert!(at_once.local(&in_turn).norm() < 1e-5, "{at_once:?} {in_turn:?}");
+}
