@@ -297,3 +297,13 @@ fn extremes_are_worth_nothing_or_something() {
         None
     );
 }
+
+#[test]
+fn fingers_beyond_the_last_are_worth_nothing() {
+    let mut doubts = Doubts::NONE;
+    (0..FINGERS).for_each(|i| doubts.all[i][i] = 1e-6);
+    let chances = [0.5; 32];
+    assert_eq!(doubts.likely(FINGERS, 0.1), 0.0);
+    assert_eq!(doubts.variance_sum(&chances), doubts.variance_sum(&chances[..FINGERS]));
+    assert_eq!(doubts.information(&chances, NOISE), doubts.information(&chances[..FINGERS], NOISE));
+}

@@ -19,8 +19,11 @@ impl Doubts {
         Doubts { all: [[0.0; FINGERS]; FINGERS], pose: [[0.0; FINGERS]; FINGERS] };
 
     /// Probability that contact `i` comes about: that the distance errs by less than the `depth` to
-    /// which the finger would go (metres).
+    /// which the finger would go (metres). No other than [`FINGERS`] ever does.
     pub fn likely(&self, i: usize, depth: f32) -> f32 {
+        if i >= FINGERS {
+            return 0.0;
+        }
         let deviation = math::sqrt(math::max(self.all[i][i], 0.0));
         math::normal(depth / math::max(deviation, 1e-6)).1
     }
@@ -28,12 +31,13 @@ impl Doubts {
     /// Thesis 4.20: the sum of the shape's variances, times the chances to see them.
     pub fn variance_sum(&self, chances: &[f32]) -> f32 {
         let shape = |i: usize| math::max(self.all[i][i] - self.pose[i][i], 0.0);
-        chances.iter().enumerate().map(|(i, chance)| chance * shape(i)).sum()
+        chances.iter().enumerate().take(FINGERS).map(|(i, chance)| chance * shape(i)).sum()
     }
 
     /// Expected nats about the shape from contacts that come about with these probabilities, each by
     /// itself, and measure distances to within `noise` (metres).
     pub fn information(&self, chances: &[f32], noise: f32) -> f32 {
+        let chances = &chances[..chances.len().min(FINGERS)];
         let unit = 1.0 / (noise * noise);
         let mut sum = 0.0;
         // Every set of contacts, a bit each.

@@ -56,7 +56,7 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
     /// Where the covariances of the `ahead`-th row to come are written, itself last: a slice of
     /// `rows() + ahead + 1` numbers, empty when that row would not fit. Contents are unspecified.
     pub fn stage(&mut self, ahead: usize) -> &mut [f32] {
-        let row = self.rows + ahead;
+        let row = self.rows.saturating_add(ahead);
         if row >= ROWS {
             return &mut [];
         }
@@ -285,7 +285,8 @@ impl<const ROWS: usize, const PACKED: usize> Cholesky<ROWS, PACKED> {
             }
             rest.iter_mut().zip(last).for_each(|(l, t)| turn(l, t));
             let d = row[i];
-            let left = d * d - v * v;
+            let r = math::sqrt(d * d - v * v);
+            let c = r / d;
             // NaN fails the comparison.
             if left * c * c > LEAST {
                 left *= c * c;

@@ -242,3 +242,10 @@ fn taking_more_away_than_there_is_leaves_a_factor() {
         assert!(f.half_log_determinant().is_finite());
     }
 }
+
+#[test]
+fn there_is_no_room_however_far_ahead() {
+    let mut f = factor(&[std::vec![1.0]]);
+    assert!(f.stage(N - 2).len() == N && f.stage(N - 1).is_empty());
+    assert!(f.stage(usize::MAX).is_empty());
+}
