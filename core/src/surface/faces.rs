@@ -68,9 +68,10 @@ impl<S: Space> Face<S> {
         self.normal.dot(point - self.centroid)
     }
 
-    /// Variance of that, square metres.
+    /// Variance of that, square metres; nowhere less than at the centroid.
     pub fn variance(&self, point: S::Vector) -> f32 {
-        self.joint(point, point)
+        // A covariance that rounding has made indefinite takes nothing away.
+        math::max(self.joint(point, point), self.offset_variance)
     }
 
     /// Covariance of the values at two points, square metres.

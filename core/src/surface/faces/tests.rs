@@ -261,3 +261,35 @@ fn points_without_normals_refine_faces_and_open_none() {
     explains(&faces, &side, 5.0);
     assert!(faces.faces().iter().map(|f| f.variance(side[0].centre)).sum::<f32>() < 0.5 * before);
 }
+
+/// The least variances of a model of contacts whose normals say next to nothing.
+fn least_variances<S: Space>(seed: u64) -> [f32; 2] {
+    let mut random = Random::new(seed);
+    let mut faces = Faces::<S, 7>::new();
+    let mut least = [f32::INFINITY; 2];
+    for _ in 0..60 {
+        let Some(normal) = random.normal::<S::Vector>().normalized() else { continue };
+        faces.insert(&Contact {
+            point: normal * 0.04 + random.normal::<S::Vector>() * 0.01,
+            normal: Some(normal),
+            point_deviation: if random.uniform() < 0.5 { 1e-4 } else { 1e-3 },
+            normal_deviation: if random.uniform() < 0.5 { 0.3 } else { 1.1 },
+            finger: 0,
+        });
+        for _ in 0..6 {
+            let probe = faces.probe(random.normal::<S::Vector>() * 0.1);
+            least = [least[0].min(probe.variance), least[1].min(probe.slope_variance)];
+        }
+        assert!(!faces.protrusion().is_nan());
+    }
+    least
+}
+
+#[test]
+fn no_variance_is_below_zero() {
+    for seed in 0..40 {
+        for [value, slope] in [least_variances::<Planar>(seed), least_variances::<Spatial>(seed)] {
+            assert!(value > 0.0 && slope >= 0.0, "{seed}: {value} {slope}");
+        }
+    }
+}
