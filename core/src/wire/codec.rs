@@ -323,6 +323,10 @@ impl<M: DeserializeOwned> Decoder<M> {
         let &[sequence, _, _, _, _, message, ..] = payload else {
             return Err(FrameError::Malformed);
         };
+        // A number of a message spread over more bytes than it needs would get past the look at the version.
+        if message & 0x80 != 0 {
+            return Err(FrameError::Malformed);
+        }
         let hello = message == 0;
         if hello {
             // Of an unknown version, nothing but this may be read.

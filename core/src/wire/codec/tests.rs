@@ -53,6 +53,10 @@ fn another_version_is_named() {
     let sealed = seal(&[3, 0, 0, 0, 0, 0, 200, 1, 2, 3], &mut out).unwrap();
     let (_, frames) = decode_all::<Report<Planar>>(sealed);
     assert_eq!(frames, [Err(FrameError::Version { theirs: 200, sequence: 3 })]);
+    // Its number in more bytes than it needs is none.
+    let sealed = seal(&[3, 0, 0, 0, 0, 0x80, 0, 200], &mut out).unwrap();
+    let (_, frames) = decode_all::<Command<Planar>>(sealed);
+    assert_eq!(frames, [Err(FrameError::Malformed)]);
 }
 
 #[test]
