@@ -260,3 +260,38 @@ fn from_a_millimetre_to_ten_metres_the_same_surface() {
     every_scale::<Planar>();
     every_scale::<Spatial>();
 }
+
+/// Asked before it was fitted to anything, and again when that was forgotten.
+fn answers_unasked<S: Space, M: Map<S>>(name: &str, map: &mut M) {
+    for _ in 0..2 {
+        map.clear();
+        for p in [S::Vector::ZERO, unit::<S>(0) * 0.03] {
+            let probe = map.probe(p);
+            let finite = probe.value.is_finite() && probe.gradient.is_finite();
+            assert!(finite && probe.variance >= 0.0, "{name}: {probe:?}");
+        }
+        ball::<S>(8, 0.03, &mut Random::new(2)).iter().for_each(|contact| {
+            map.insert(contact);
+        });
+        map.refit();
+    }
+}
+
+fn every_unfitted<S: Space>() {
+    let rough = Matern32 { amplitude: 0.03, lengthscale: 0.1 };
+    let mut gpis = Box::new(Model::<S, _, Ball<S>>::new());
+    gpis.configure(rough, Ball::UNSET, Training::Normals);
+    answers_unasked::<S, _>("ball", &mut *gpis);
+    let mut gpis = Box::new(Model::<S, _, Ellipsoid<S>>::new());
+    gpis.configure(rough, Ellipsoid::UNSET, Training::Normals);
+    answers_unasked::<S, _>("ellipsoid", &mut *gpis);
+    let mut truncated = Box::new(Truncated::<S, Matern32, SITES, ROWS, { packed(ROWS) }, 8>::new());
+    truncated.configure(rough);
+    answers_unasked::<S, _>("truncated", &mut *truncated);
+}
+
+#[test]
+fn before_anything_is_fitted_nothing_is_said() {
+    every_unfitted::<Planar>();
+    every_unfitted::<Spatial>();
+}

@@ -78,7 +78,7 @@ impl<S: Space> Prior<S> for Constant {
 pub struct Ball<S: Space> {
     /// c, metres.
     pub centre: S::Vector,
-    /// R, metres.
+    /// R, metres; 0, as before it is fitted, for f = 0 everywhere.
     pub radius: f32,
 }
 
@@ -113,6 +113,12 @@ impl<S: Space> Ball<S> {
             .then(|| Ball { centre: point - normal * radius, radius })
     }
 
+    /// `what` by the radius.
+    #[inline(always)]
+    fn over_radius(&self, what: f32) -> f32 {
+        if self.radius > 0.0 { what / self.radius } else { 0.0 }
+    }
+
     /// Centre of the bounding box and mean distance to it.
     fn around(points: impl Iterator<Item = S::Vector> + Clone) -> Self {
         let Some(first) = points.clone().next() else {
@@ -141,21 +147,21 @@ impl<S: Space> Prior<S> for Ball<S> {
     #[inline(always)]
     fn mean(&self, point: S::Vector) -> (f32, S::Vector) {
         let d = point - self.centre;
-        let curvature = 1.0 / self.radius;
+        let curvature = self.over_radius(1.0);
         (0.5 * (d.norm_squared() * curvature - self.radius), d * curvature)
     }
 
     fn curvature(&self, _point: S::Vector) -> [S::Vector; 3] {
         let mut rows = [S::Vector::ZERO; 3];
         for axis in 0..S::DIMENSION {
-            rows[axis][axis] = 1.0 / self.radius;
+            rows[axis][axis] = self.over_radius(1.0);
         }
         rows
     }
 
     /// Of a square; its gradient is linear.
     fn interpolation(&self, spread: f32) -> (f32, f32) {
-        (0.5 * spread * spread / self.radius, 0.0)
+        (self.over_radius(0.5 * spread * spread), 0.0)
     }
 
     /// The least-squares ball through points and normals; where the normals do not decide it (a
