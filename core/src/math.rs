@@ -124,11 +124,14 @@ pub fn ln(x: f32) -> f32 {
     e as f32 * LN_2 + log
 }
 
+/// Largest angle that [`sin_cos`] knows, radians.
+pub const LARGEST_ANGLE: f32 = 1e5;
+
 /// Sine and cosine of an angle in radians, absolute error below 2·10⁻⁷ for |x| ≤ 100 and growing in
-/// proportion to |x| after that; (0, 1) when the angle is not finite or larger than 10⁵.
+/// proportion to |x| after that; (0, 1) when the angle is not finite or larger than [`LARGEST_ANGLE`].
 #[inline]
 pub fn sin_cos(x: f32) -> (f32, f32) {
-    if !(-1e5..=1e5).contains(&x) {
+    if !(-LARGEST_ANGLE..=LARGEST_ANGLE).contains(&x) {
         return (0.0, 1.0);
     }
     let shifted = x * (2.0 / PI) + ROUND;

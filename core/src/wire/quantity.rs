@@ -133,7 +133,8 @@ impl WireSpace for Planar {
     }
 
     fn unpack_pose(n: [f32; 3]) -> Option<PlanarPose> {
-        n.iter().all(|v| v.is_finite()).then(|| PlanarPose::new(Vector([n[0], n[1]]), n[2]))
+        let known = n[0].is_finite() && n[1].is_finite() && n[2].abs() <= math::LARGEST_ANGLE;
+        known.then(|| PlanarPose::new(Vector([n[0], n[1]]), n[2]))
     }
 }
 
@@ -222,5 +223,8 @@ mod tests {
         assert_eq!(Spatial::pack_normal(Vector([f32::NAN; 3])), [Fraction(0); 2]);
         assert_eq!(Planar::pack_point(Vector([f32::INFINITY, f32::NAN])), [i32::MAX, 0]);
         assert!(Planar::unpack_pose([0.0, f32::NAN, 0.0]).is_none());
+        // No angle by which anything could be turned.
+        assert!(Planar::unpack_pose([0.0, 0.0, 3e5]).is_none());
+        assert!(Planar::unpack_pose([0.0, 0.0, -1e5]).is_some());
     }
 }
