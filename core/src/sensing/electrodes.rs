@@ -380,6 +380,7 @@ impl ElectrodeEstimator {
     #[cold]
     fn settle(&mut self, reading: &ElectrodeReading) -> NoContact {
         if let Some(channel) = self.outside(reading) {
+            self.tare = Tare::new();
             return NoContact::Saturated { channel: channel as u8 };
         }
         let Sampling { tare, spread, .. } = self.settings.sampling;

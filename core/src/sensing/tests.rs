@@ -396,3 +396,26 @@ fn five_fingers_fit_a_small_memory() {
     assert!(size_of::<WrenchEstimator>() <= 1280, "{}", size_of::<WrenchEstimator>());
     assert!(size_of::<ElectrodeEstimator>() <= 3840, "{}", size_of::<ElectrodeEstimator>());
 }
+
+#[test]
+fn a_tare_starts_again_where_a_reading_is_out_of_range() {
+    let mut bench = Bench(WrenchEstimator::new(), 0);
+    bench.0.configure(&settings()).unwrap();
+    let needed = settings().sampling.tare;
+    let taring = |bench: &mut Bench| bench.read(&Wrench::ZERO) == Err(NoContact::Taring);
+    assert!((1..needed).all(|_| taring(&mut bench)));
+    let broken = GaugeReading([0, 0, 0, 0, i32::MAX, 0]);
+    assert_eq!(bench.0.estimate(&broken, 0), Err(NoContact::Saturated { channel: 4 }));
+    assert!((0..needed).all(|_| taring(&mut bench)) && !taring(&mut bench));
+
+    let mut electrodes = ElectrodeEstimator::new();
+    electrodes.configure(&ElectrodeSettings::BIOTAC).unwrap();
+    let mut taring = |words| {
+        let felt = electrodes.estimate(&ElectrodeReading(words), 0);
+        felt == Err(NoContact::Taring)
+    };
+    let needed = ElectrodeSettings::BIOTAC.sampling.tare;
+    assert!((1..needed).all(|_| taring([3000; ELECTRODES])));
+    assert!(!taring([0; ELECTRODES]));
+    assert!((0..needed).all(|_| taring([3000; ELECTRODES])) && !taring([3000; ELECTRODES]));
+}

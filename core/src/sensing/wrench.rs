@@ -290,6 +290,7 @@ impl ContactEstimator for WrenchEstimator {
         let words = &reading.0;
         if let Err(why) = self.settings.gauges.check(words) {
             self.window.clear();
+            self.tare = Tare::new();
             return Err(why);
         }
         let sampling = self.settings.sampling;
