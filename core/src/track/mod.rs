@@ -105,7 +105,7 @@ pub struct Estimate<S: Space> {
     pub effective_particles: f32,
     /// Which directions of the pose this grasp can see.
     pub observability: Observability<S>,
-    /// Contacts of this grasp that were used to correct the pose.
+    /// Contacts of this grasp that can be used, whether or not they corrected the pose.
     pub contacts: u16,
     /// Contacts dropped because a number in them was bad.
     pub rejected: u16,

@@ -26,7 +26,7 @@ pub struct EstimateFrame<S: WireSpace> {
     pub eigenvalues: S::Fractions,
     /// The eigenvector of the least eigenvalue.
     pub weakest: S::Fractions,
-    /// Contacts that corrected the pose, at most 255.
+    /// Contacts of this grasp that can be used, at most 255.
     pub contacts: u8,
     /// Contacts of this grasp with bad numbers, at most 255.
     pub rejected: u8,

@@ -280,7 +280,7 @@ pub enum Refusal {
     NoEstimate,
     /// There is no mode, face or finger of this number, or no candidate of the one before.
     NoSuch,
-    /// A number of a belief or face cannot be used, or a face came before any belief.
+    /// A number of a belief or face cannot be used, or a face came before any belief and any grasp.
     Belief,
     /// The map has no room for another face; those it has stay.
     MapFull,

@@ -77,7 +77,7 @@ impl<
     /// faces.
     ///
     /// # Errors
-    /// Without room, before any belief, or with numbers that cannot be used.
+    /// Without room, before any belief and any grasp, or with numbers that cannot be used.
     pub fn learn(&mut self, face: &ToldFace<S>) -> Result<(), Disbelief> {
         let positive = |v: f32| v >= 0.0 && v.is_finite();
         let direction = face.normal.normalized().filter(|n| (*n - face.normal).norm() < 0.01);
