@@ -187,18 +187,42 @@ impl Canvas {
         if self.text_width(style, text) <= width {
             return text.into();
         }
-        let mut short: Vec<char> = text.chars().collect();
-        while short.pop().is_some() {
-            let cut: String = short.iter().collect::<String>() + "…";
-            if self.text_width(style, &cut) <= width {
-                return cut;
-            }
+        let ellipsis = self.text_width(style, "…");
+        if ellipsis > width {
+            return String::new();
         }
-        String::new()
+        // Letter by letter from the start: a text may be much longer than what fits.
+        let mut taken = 0.0;
+        let fits = |letter: &char| {
+            taken += self.text_width(style, letter.encode_utf8(&mut [0; 4]));
+            taken + ellipsis <= width
+        };
+        text.chars().take_while(fits).chain(['…']).collect()
     }
 }
 
 /// Whether these are the vertices of an area or of a line around one.
 fn enough(vertices: &[Pixel]) -> bool {
     vertices.len() > 1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::colour::{INK, PAPER};
+
+    #[test]
+    fn a_text_of_any_length_is_cut_to_what_fits() {
+        let canvas = Canvas::new(100, 100, PAPER).unwrap();
+        let style = Style::new(20.0, INK);
+        assert_eq!(canvas.fitted(style, "short", 100.0), "short");
+        // So long that nothing may be done per letter but look at it once.
+        let long = "é wide ".repeat(100_000);
+        let cut = canvas.fitted(style, &long, 300.0);
+        assert!(cut.ends_with('…') && long.starts_with(cut.trim_end_matches('…')), "{cut}");
+        let width = canvas.text_width(style, &cut);
+        assert!((270.0..=300.0).contains(&width), "{width}");
+        assert_eq!(canvas.fitted(style, &long, canvas.text_width(style, "…")), "…");
+        assert_eq!(canvas.fitted(style, &long, 1.0), "");
+    }
 }
