@@ -30,7 +30,7 @@ use crate::space::{Point, Pose};
 /// Field of a log's header.
 const HEADER: &str = "sensors";
 /// Field of a contact.
-const CONTACT: &str = "sensor";
+pub(super) const CONTACT: &str = "sensor";
 /// Readings that make a tare: shorter than a board's, as a log keeps them all.
 pub const TARE: usize = 32;
 

@@ -6,6 +6,7 @@ use serde_json::{Map, Value, json};
 
 use super::super::{
     GraspLog, LogError, LoggedContact, LoggedGrasp, MAX_CONTACTS, MAX_COORDINATE, MAX_FINGERS,
+    words,
 };
 use super::{Options, text, too_many};
 use crate::space::Point;
@@ -14,13 +15,19 @@ use crate::space::Point;
 /// separated by commas, semicolons or tabs (whichever the first line has). With `z` it is spatial.
 /// Rows of one grasp stand together and grasp numbers ascend; without a `grasp` column all rows are
 /// one grasp. Empty cells are allowed where the column is optional, a normal is given whole or not
-/// at all. Columns of other names are kept with the contact; lines that start with `#` are skipped.
+/// at all. Columns of other names are kept with the contact, but none may be called like a field that
+/// a log's contact has anyway: `point`, `normal`, `normal_noise` or `sensor`. Lines that start with `#`
+/// are skipped.
 ///
 /// # Errors
 /// Naming the file, line and column and what was expected there.
 pub fn import(path: &Path, options: &Options) -> Result<GraspLog, LogError> {
     parse(&text(path)?, path, options)
 }
+
+/// Fields of a contact that no cell can hold: kept as a column of another name, they would be read as
+/// what they are not.
+const FIELDS: [&str; 4] = ["point", "normal", "normal_noise", words::CONTACT];
 
 /// Where errors are.
 struct Row<'a> {
@@ -70,6 +77,10 @@ impl Columns {
         for (i, name) in names.iter().enumerate() {
             if names[..i].contains(name) {
                 return Err(header.wrong(Some(name), "is there twice"));
+            }
+            if FIELDS.contains(&name.as_str()) {
+                let problem = "expected another name, as a log's contacts have a field of this one";
+                return Err(header.wrong(Some(name), problem));
             }
         }
         let find = |name: &str| names.iter().position(|n| n == name);
@@ -278,6 +289,10 @@ mod tests {
         refused("x,z\n1,2\n", "line 1: expected a column `y`, found x, z");
         refused("1,2\n3,4\n", "expected a column `x`");
         refused("x,y,x\n", "line 1: column `x`: is there twice");
+        for name in ["point", "Normal", "normal_noise", "sensor"] {
+            let named = format!("line 2: column `{}`: expected another", name.to_lowercase());
+            refused(&format!("# forces\nx,y,{name}\n1,2,3\n"), &named);
+        }
         refused("x,y,nx\n", "expected a column `ny` beside the other normals");
         refused("x,y,nx,ny,nz\n", "column `nz`: expected none, as there is no column `z`");
         refused("x,y\n1,2\n3\n", "line 3: expected 2 cells as in the first line, found 1");
