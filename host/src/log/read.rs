@@ -123,7 +123,7 @@ impl GraspLog {
     }
 
     /// `refuse` decides about lines after the header that are not sound.
-    fn lines(
+    pub(super) fn lines(
         mut reader: impl BufRead,
         name: &Path,
         refuse: &mut dyn FnMut(LogError) -> Result<(), LogError>,

@@ -257,6 +257,31 @@ fn what_a_log_cannot_hold_is_not_written() {
     log.grasps[0].contacts[0].point.x = 0.0;
     log.grasps[0].contacts[0].finger = Some(9);
     assert!(log.write(&path).unwrap_err().to_string().contains("finger 9 has no name"));
+    // Nor what could be written, but not read again.
+    log.grasps[0].contacts[0].finger = None;
+    let unsound: [(fn(&mut GraspLog), &str); 6] = [
+        (|log| log.grasps[0].contacts[0].normal_noise = Some(0.0), "[0].normal_noise`: expected a"),
+        (|log| log.grasps[0].contacts[0].normal = Some(Point::x() * 2.0), "length 1 within"),
+        (|log| log.grasps[0].contacts[0].point.x = 1e5, "[0].point`: expected coordinates"),
+        (|log| log.grasps.push(LoggedGrasp::default()), "line 3, field `grasp`"),
+        (|log| log.dimension = 4, "line 1, field `dimension`"),
+        (
+            |log| {
+                log.grasps[0].contacts[0].normal = None;
+                log.grasps[0].contacts[0].unknown.insert("normal".into(), json!(1.5));
+            },
+            "contacts[0].normal`: expected a unit vector",
+        ),
+    ];
+    for (spoil, expected) in unsound {
+        let mut log = log.clone();
+        spoil(&mut log);
+        let error = log.write(&path).unwrap_err().to_string();
+        assert!(error.contains("cannot write: the log, line "), "{error}");
+        assert!(error.contains(expected), "{error}");
+    }
+    log.write(&path).unwrap();
+    std::fs::remove_file(&path).unwrap();
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is left behind");
 }
 

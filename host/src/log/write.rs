@@ -86,20 +86,26 @@ impl GraspLog {
     }
 
     /// Writes the log as JSON lines. Reading it back gives the same log: numbers are written with
-    /// as many digits as it takes.
+    /// as many digits as it takes. (One without a grasp is written, though only
+    /// [`GraspLog::salvage`] reads it.)
     ///
     /// # Errors
     /// When the writer fails, or (`InvalidData`) when the log holds what a log cannot: a number
-    /// that is not finite, or a finger without a name.
+    /// that is not finite, a finger without a name, or anything else that [`GraspLog::read`]
+    /// refuses; then nothing is written.
     pub fn to_writer(&self, writer: &mut (impl Write + ?Sized)) -> std::io::Result<()> {
-        line(writer, &self.header()?)?;
+        let mut text = Vec::new();
+        line(&mut text, &self.header()?)?;
         for grasp in &self.grasps {
             let value = self.grasp(grasp).map_err(|e| {
                 Error::new(ErrorKind::InvalidData, format!("grasp {}: {e}", grasp.index))
             })?;
-            line(writer, &value)?;
+            line(&mut text, &value)?;
         }
-        Ok(())
+        // What makes a log sound is known in one place, the reader.
+        GraspLog::lines(&text[..], Path::new("the log"), &mut Err)
+            .map_err(|e| Error::new(ErrorKind::InvalidData, e))?;
+        writer.write_all(&text)
     }
 
     fn header(&self) -> Result<Value, Error> {
@@ -262,7 +268,8 @@ fn with_unknown(mut fields: Map<String, Value>, unknown: &Map<String, Value>) ->
     Value::Object(fields)
 }
 
-fn line(writer: &mut (impl Write + ?Sized), value: &Value) -> std::io::Result<()> {
-    serde_json::to_writer(&mut *writer, value)?;
-    writer.write_all(b"\n")
+fn line(text: &mut Vec<u8>, value: &Value) -> std::io::Result<()> {
+    serde_json::to_writer(&mut *text, value)?;
+    text.push(b'\n');
+    Ok(())
 }
