@@ -1,10 +1,18 @@
 //! The faces of a mesh, with normals that are smooth where the surface is.
 
+use std::collections::BTreeMap;
+
 use crate::shape::Mesh;
 use crate::space::Point;
 
 /// Faces that meet at less than 30° are parts of one smooth surface: cosine of that.
 const SMOOTH: f64 = 0.866;
+
+/// More faces than this around one corner are not told apart where they look almost the same way.
+const MANY: usize = 64;
+
+/// Which is within a step of one over this in each component of the normal: some 4°.
+const ALIKE: f64 = 16.0;
 
 /// A triangle with an area.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,16 +45,32 @@ pub fn faces(mesh: &Mesh) -> Vec<Face> {
             kept.push(triangle);
         }
     }
-    for k in 0..faces.len() {
-        let normal = faces[k].normal;
-        faces[k].smooth = kept[k].map(|v| {
-            let beside =
-                around[v as usize].iter().filter(|f| faces[**f].normal.dot(&normal) > SMOOTH);
-            let sum: Point = beside.map(|f| areas[*f]).sum();
-            sum.try_normalize(0.0).unwrap_or(normal)
-        });
+    for (v, around) in around.iter().enumerate() {
+        let ways = ways(around.iter().map(|f| (faces[*f].normal, areas[*f])));
+        for &f in around {
+            let normal = faces[f].normal;
+            let beside = ways.iter().filter(|(way, _)| way.dot(&normal) > SMOOTH);
+            let sum: Point = beside.map(|(_, area)| area).sum();
+            if let Some(corner) = kept[f].iter().position(|c| *c as usize == v) {
+                faces[f].smooth[corner] = sum.try_normalize(0.0).unwrap_or(normal);
+            }
+        }
     }
     faces
+}
+
+/// The ways that faces around one corner look, with the area that looks there: of each face its own, but where
+/// they are many, as in a fan, those that look almost the same way are one. Else each would be compared with each.
+fn ways(around: impl ExactSizeIterator<Item = (Point, Point)>) -> Vec<(Point, Point)> {
+    if around.len() <= MANY {
+        return around.collect();
+    }
+    let mut cells: BTreeMap<[i64; 3], Point> = BTreeMap::new();
+    for (normal, area) in around {
+        let cell = (normal * ALIKE).map(|x| x.round() as i64);
+        *cells.entry(cell.into()).or_default() += area;
+    }
+    cells.into_values().filter_map(|area| Some((area.try_normalize(0.0)?, area))).collect()
 }
 
 impl Face {
@@ -125,6 +149,31 @@ mod tests {
         assert!((angle - tilt / 2.0).abs() < 0.06, "{angle}");
         let far = faces[1].normal_at(&Point::new(-0.1, 0.0, 0.0));
         assert!((far - faces[1].normal).norm() < 1e-9);
+    }
+
+    /// A fan of `count` triangles around the origin, whose rim lies `drop` below it.
+    fn fan(count: u32, drop: f64) -> Mesh {
+        let rim = |i: u32| {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / f64::from(count)).sin_cos();
+            Point::new(cos, sin, -drop)
+        };
+        let vertices = [Point::zeros()].into_iter().chain((0..count).map(rim)).collect();
+        let triangles = (0..count).map(|i| [0, i + 1, (i + 1) % count + 1]).collect();
+        Mesh::new(vertices, triangles).unwrap()
+    }
+
+    #[test]
+    fn a_corner_of_very_many_faces_is_smooth_as_one_of_few() {
+        let many = 200_000;
+        for face in faces(&fan(many, 0.0)) {
+            assert!(face.smooth.iter().all(|n| (n - Point::z()).norm() < 1e-9));
+        }
+        let (coarse, fine) = (faces(&fan(50, 1.0)), faces(&fan(many, 1.0)));
+        for (i, face) in coarse.iter().enumerate() {
+            let same = &fine[i * many as usize / 50 + many as usize / 100];
+            let angle = face.smooth[0].angle(&same.smooth[0]).to_degrees();
+            assert!(angle < 4.0, "{angle}° at {i}");
+        }
     }
 
     #[test]
