@@ -260,6 +260,11 @@ fn standing(
         .filter(|(_, base)| !base.is_empty())
         .ok_or_else(|| malformed(text, expected(), "no object after a comma"))?;
     let [height] = lengths(text, kind, height, form)?;
+    // Before it is read: objects within objects would be read to any depth.
+    let below = base.split(':').next().unwrap_or(base);
+    if ["prism", "pyramid", "frustum"].contains(&below) {
+        return Err(malformed(text, expected(), format!("a {below}")));
+    }
     let base: ObjectSpec = base.parse()?;
     if base.dimension() != 2 {
         return Err(malformed(text, expected(), base));
@@ -430,6 +435,12 @@ mod tests {
         ] {
             let error = text.parse::<ObjectSpec>().unwrap_err().to_string();
             assert!(error.contains(expected), "{text:?}: {error}");
+        }
+        // However deep: reading each within the other would need as deep a stack.
+        for nested in ["prism:1,", "pyramid:1,", "frustum:1,0.5,"] {
+            let text = nested.repeat(100_000) + "hexagon:0.045";
+            let error = text.parse::<ObjectSpec>().unwrap_err().to_string();
+            assert!(error.contains("with a planar object, found a "), "{nested}");
         }
         let error = spec("no/such.ply").geometry().unwrap_err().to_string();
         assert!(error.starts_with("no/such.ply: cannot read"), "{error}");
