@@ -182,6 +182,17 @@ pub enum ShapeError {
         /// The first vertex of the other.
         b: usize,
     },
+    /// Whether the polygon is simple cannot be told in reasonable time.
+    #[error(
+        "{vertices} vertices in {loops} loops, expected at most {} of so intricate a shape",
+        outline::MOST_VERTICES
+    )]
+    Intricate {
+        /// Over all loops.
+        vertices: usize,
+        /// How many loops there are.
+        loops: usize,
+    },
     /// A triangle names a vertex that does not exist.
     #[error("triangle {triangle} names a vertex that is not among the {vertices}")]
     Index {

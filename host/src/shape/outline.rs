@@ -3,6 +3,13 @@
 use super::ShapeError;
 use crate::space::{Point, Pose};
 
+/// Outlines of up to so many vertices are taken whatever their shape. Larger ones are too, unless most of
+/// their edges lie beside each other both in x and in y, as those of a comb that stands askew.
+pub const MOST_VERTICES: usize = 20_000;
+
+/// Pairs of edges that are compared at most: all of [`MOST_VERTICES`].
+const MOST_PAIRS: usize = MOST_VERTICES * MOST_VERTICES / 2;
+
 /// Simple closed polygons: outer boundaries counter-clockwise, holes clockwise, so that the inside
 /// is always on the left of an edge. No loops at all is the outline of nothing.
 ///
@@ -20,7 +27,8 @@ impl Outline {
     ///
     /// # Errors
     /// When a coordinate is not finite, a loop has fewer than three distinct vertices or no area,
-    /// or two edges cross.
+    /// two edges cross, or so many edges lie beside each other, or so many loops, that finding out
+    /// would take very long: never with up to [`MOST_VERTICES`] vertices.
     pub fn new(loops: Vec<Vec<[f64; 2]>>) -> Result<Outline, ShapeError> {
         let mut loops = loops;
         for (number, vertices) in loops.iter_mut().enumerate() {
@@ -42,9 +50,7 @@ impl Outline {
                 return Err(ShapeError::NoArea { number });
             }
         }
-        if let Some((a, b)) = crossing(&loops) {
-            return Err(ShapeError::Crossing { a, b });
-        }
+        check_simple(&loops)?;
         let depths: Vec<usize> = (0..loops.len())
             .map(|i| {
                 let first = loops[i][0];
@@ -226,31 +232,58 @@ fn winds_around(vertices: &[[f64; 2]], p: [f64; 2]) -> bool {
     inside
 }
 
-/// A pair of edges that properly cross, as the positions of their first vertices counted over all
-/// loops. Touching is allowed: contours of a field may meet at a saddle.
-fn crossing(loops: &[Vec<[f64; 2]>]) -> Option<(usize, usize)> {
-    let mut edges: Vec<([f64; 2], [f64; 2], usize)> = Vec::new();
+/// An edge with the box around it and the position of its first vertex, counted over all loops.
+struct Edge {
+    ends: [[f64; 2]; 2],
+    low: [f64; 2],
+    high: [f64; 2],
+    first: usize,
+}
+
+/// Whether no two edges properly cross. Touching is allowed: contours of a field may meet at a saddle.
+fn check_simple(loops: &[Vec<[f64; 2]>]) -> Result<(), ShapeError> {
+    let mut edges: Vec<Edge> = Vec::new();
     for l in loops {
         let first = edges.len();
-        edges.extend((0..l.len()).map(|i| (l[i], l[(i + 1) % l.len()], first + i)));
+        edges.extend((0..l.len()).map(|i| {
+            let [a, b] = [l[i], l[(i + 1) % l.len()]];
+            let [low, high] = [f64::min, f64::max].map(|f| [f(a[0], b[0]), f(a[1], b[1])]);
+            Edge { ends: [a, b], low, high, first: first + i }
+        }));
     }
-    // A sweep along x: only edges whose ranges overlap are compared.
-    edges.sort_by(|a, b| a.0[0].min(a.1[0]).total_cmp(&b.0[0].min(b.1[0])));
-    let side = |a: [f64; 2], b: [f64; 2], p: [f64; 2]| {
+    // A sweep along x, or along y where fewer edges lie beside each other: only those are compared.
+    let along = |edges: &mut [Edge], axis: usize| -> usize {
+        edges.sort_by(|e, f| e.low[axis].total_cmp(&f.low[axis]));
+        (0..edges.len()).map(|i| beside(edges, i, axis).len()).sum()
+    };
+    let pairs = [0, 1].map(|axis| along(&mut edges, axis));
+    let axis = usize::from(pairs[1] < pairs[0]);
+    // Afterwards every loop is compared with every vertex.
+    if pairs[axis].max(loops.len() * edges.len()) > MOST_PAIRS {
+        return Err(ShapeError::Intricate { vertices: edges.len(), loops: loops.len() });
+    }
+    along(&mut edges, axis);
+    let side = |[a, b]: [[f64; 2]; 2], p: [f64; 2]| {
         cross([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]])
     };
-    for (i, &(a, b, first)) in edges.iter().enumerate() {
-        let last = a[0].max(b[0]);
-        for &(c, d, second) in &edges[i + 1..] {
-            if c[0].min(d[0]) > last {
-                break;
-            }
-            if side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0 {
-                return Some((first.min(second), first.max(second)));
+    let parts = |e: &Edge, f: &Edge| side(e.ends, f.ends[0]) * side(e.ends, f.ends[1]) < 0.0;
+    let across = 1 - axis;
+    for (i, e) in edges.iter().enumerate() {
+        for f in beside(&edges, i, axis) {
+            let near = e.low[across] <= f.high[across] && f.low[across] <= e.high[across];
+            if near && parts(e, f) && parts(f, e) {
+                let (a, b) = (e.first.min(f.first), e.first.max(f.first));
+                return Err(ShapeError::Crossing { a, b });
             }
         }
     }
-    None
+    Ok(())
+}
+
+/// Of edges sorted by their lower ends along an axis, those behind the `i`-th that begin before it ends.
+fn beside(edges: &[Edge], i: usize, axis: usize) -> &[Edge] {
+    let behind = &edges[i + 1..];
+    &behind[..behind.partition_point(|e| e.low[axis] <= edges[i].high[axis])]
 }
 
 #[cfg(test)]
@@ -343,6 +376,42 @@ mod tests {
         assert!(matches!(bad, Err(ShapeError::NoArea { number: 0 })), "{bad:?}");
         let bad = new(&[[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.2]]);
         assert!(matches!(bad, Err(ShapeError::Crossing { a: 0, b: 2 })), "{bad:?}");
+    }
+
+    /// A line that goes to and fro, `width` wide, `count` times, and back on the left.
+    fn comb(count: usize, width: f64) -> Vec<[f64; 2]> {
+        let tooth = |i: usize| [if i % 2 == 0 { 0.0 } else { width }, i as f64];
+        let back = [[-1.0, count as f64], [-1.0, -1.0]];
+        (0..count).map(tooth).chain(back).collect()
+    }
+
+    #[test]
+    fn long_outlines_are_taken_where_few_edges_lie_beside_each_other() {
+        for turned in [false, true] {
+            let turn = |[x, y]: [f64; 2]| if turned { [-y, x] } else { [x, y] };
+            let mut vertices: Vec<[f64; 2]> = comb(200_000, 1e3).into_iter().map(turn).collect();
+            assert_eq!(Outline::new(vec![vertices.clone()]).unwrap().loops[0].len(), 200_002);
+            vertices.swap(100_000, 100_002);
+            let crossed = Outline::new(vec![vertices]);
+            assert!(
+                matches!(crossed, Err(ShapeError::Crossing { a: 99_999..100_003, .. })),
+                "{crossed:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_checked_in_time_is_refused() {
+        let askew = |count: usize| {
+            comb(count, 1e6).into_iter().map(|[x, y]| [x - y, x + y]).collect::<Vec<_>>()
+        };
+        assert!(Outline::new(vec![askew(2_000)]).is_ok());
+        let error = Outline::new(vec![askew(100_000)]).unwrap_err();
+        assert_eq!(error, ShapeError::Intricate { vertices: 100_002, loops: 1 });
+        assert!(error.to_string().contains("expected at most 20000"), "{error}");
+        let triangle = |i: usize| vec![[i as f64, 0.0], [i as f64 + 0.5, 0.0], [i as f64, 0.5]];
+        let many = Outline::new((0..30_000).map(triangle).collect());
+        assert_eq!(many, Err(ShapeError::Intricate { vertices: 90_000, loops: 30_000 }));
     }
 
     proptest! {
