@@ -11,6 +11,7 @@ mod off;
 mod ply;
 mod stl;
 
+use std::borrow::Cow;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -254,13 +255,13 @@ pub fn write_contour(
 pub fn read_outline(path: &Path) -> Result<Outline, FileError> {
     let bytes = read(path)?;
     let content = |wrong| content(path, wrong);
-    let text = text(&bytes).map_err(content)?;
+    let text = text(&bytes);
     let loops = if text.trim_start().starts_with('[') {
-        vec![serde_json::from_str(text).map_err(|e| {
+        vec![serde_json::from_str(&text).map_err(|e| {
             content(Wrong::new(Place::Line(e.line()), "a list of [x, y], metres", e.to_string()))
         })?]
     } else {
-        polygons(text).map_err(content)?
+        polygons(&text).map_err(content)?
     };
     if loops.iter().all(Vec::is_empty) {
         return Err(content(Wrong::new(Place::Line(1), "at least 3 vertices x, y", "none")));
@@ -326,9 +327,9 @@ fn content(path: &Path, wrong: Wrong) -> FileError {
     FileError::Content { file: path.into(), place, expected, found }
 }
 
-fn text(bytes: &[u8]) -> Result<&str, Wrong> {
-    std::str::from_utf8(bytes)
-        .map_err(|e| Wrong::new(Place::Byte(e.valid_up_to()), "text", "bytes that are not UTF-8"))
+/// Names and comments may be in any encoding: keywords and numbers are the same in most.
+fn text(bytes: &[u8]) -> Cow<'_, str> {
+    String::from_utf8_lossy(bytes)
 }
 
 fn coordinate(place: Place, word: &str) -> Result<f64, Wrong> {

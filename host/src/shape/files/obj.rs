@@ -8,8 +8,9 @@ use crate::shape::Mesh;
 pub(super) fn parse(bytes: &[u8]) -> Result<Soup, Wrong> {
     let mut soup = Soup::default();
     let mut corners = Vec::new();
-    for (number, line) in text(bytes)?.lines().enumerate() {
+    for (number, line) in text(bytes).lines().enumerate() {
         let place = Place::Line(number + 1);
+        let line = line.split('#').next().unwrap_or("");
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         match words.first() {
             Some(&"v") => soup.vertices.push(point(place, &words[1..])?),
@@ -24,7 +25,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Soup, Wrong> {
                 }
                 soup.polygon(&corners);
             }
-            // Normals, texture, groups, materials, comments.
+            // Normals, texture, groups, materials.
             _ => {}
         }
     }

@@ -3,7 +3,7 @@
 use super::{Place, Soup, Wrong, point, text};
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Soup, Wrong> {
-    let text = text(bytes)?;
+    let text = text(bytes);
     let end = Place::Line(text.lines().count() + 1);
     let mut lines = text
         .lines()

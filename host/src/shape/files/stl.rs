@@ -12,24 +12,24 @@ const HEADER: usize = 84;
 const TRIANGLE: usize = 50;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Soup, Wrong> {
-    // Many binary files begin with the word `solid` too: the length decides.
+    // Many binary files begin with the word `solid` too. Only they have zero bytes, and some of them
+    // something behind the triangles.
     let count =
         bytes.get(80..HEADER).map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]]) as usize);
     let expected = count.and_then(|n| n.checked_mul(TRIANGLE)?.checked_add(HEADER));
-    if expected == Some(bytes.len()) {
-        return Ok(binary(&bytes[HEADER..]));
+    let solid = bytes.trim_ascii_start().get(..5).is_some_and(|w| w.eq_ignore_ascii_case(b"solid"));
+    if solid && !bytes.contains(&0) {
+        return ascii(&text(bytes));
     }
-    if !bytes.trim_ascii_start().starts_with(b"solid") {
-        return Err(match expected {
-            Some(length) => Wrong::new(
-                Place::Byte(bytes.len()),
-                format!("{length} bytes, as the header says"),
-                format!("{} bytes", bytes.len()),
-            ),
-            None => Wrong::new(Place::Byte(0), "an STL file", format!("{} bytes", bytes.len())),
-        });
+    let found = format!("{} bytes", bytes.len());
+    match expected {
+        Some(length) if length <= bytes.len() => Ok(binary(&bytes[HEADER..length])),
+        Some(length) => {
+            let expected = format!("{length} bytes, as the header says");
+            Err(Wrong::new(Place::Byte(bytes.len()), expected, found))
+        }
+        None => Err(Wrong::new(Place::Byte(0), "an STL file", found)),
     }
-    ascii(text(bytes)?)
 }
 
 fn binary(bytes: &[u8]) -> Soup {
@@ -55,7 +55,8 @@ fn ascii(text: &str) -> Result<Soup, Wrong> {
         last = number + 1;
         let place = Place::Line(last);
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
-        match words.first().copied() {
+        let keyword = words.first().map(|word| word.to_ascii_lowercase());
+        match keyword.as_deref() {
             Some("vertex") => corners.push(point(place, &words[1..])?),
             Some("endloop") => {
                 let &[a, b, c] = &corners[..] else {

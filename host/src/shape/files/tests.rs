@@ -116,6 +116,31 @@ fn every_format_gives_the_same_tetrahedron() {
 }
 
 #[test]
+fn what_says_nothing_about_the_shape_is_skipped() {
+    let obj =
+        b"# caf\xe9\nv 0 0 0 # origin\nv 1 0 0\nv 1 1 0\nv 0 1 0\ng caf\xe9 #1\nf 1 2 3 4 # base\n";
+    assert_eq!(parsed("a.obj", obj).unwrap().triangles(), [[0, 1, 2], [0, 2, 3]]);
+    let off = b"OFF\n# caf\xe9\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+    assert_eq!(parsed("a.off", off).unwrap().triangles(), [[0, 1, 2]]);
+    let ascii = b"SOLID caf\xe9\nFACET NORMAL 0 0 1\nOUTER LOOP\nVERTEX 0 0 0\nVERTEX 1 0 0\n\
+        VERTEX 0 1 0\nENDLOOP\nENDFACET\nENDSOLID\n";
+    assert_eq!(parsed("a.stl", ascii).unwrap().triangles(), [[0, 1, 2]]);
+
+    let mut binary = b"solid of a program that writes what it likes here".to_vec();
+    binary.resize(80, b' ');
+    binary.extend(1u32.to_le_bytes());
+    let numbers = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    binary.extend(numbers.iter().flat_map(|x: &f32| x.to_le_bytes()));
+    binary.extend([0; 2]);
+    for behind in [&b""[..], b"\n", b"made on a Monday"] {
+        let bytes = [&binary, behind].concat();
+        assert_eq!(parsed("a.stl", &bytes).unwrap().triangles(), [[0, 1, 2]]);
+    }
+    let error = parsed("a.stl", &binary[..130]).unwrap_err();
+    assert!(error.contains("expected 134 bytes, as the header says, found 130"), "{error}");
+}
+
+#[test]
 fn what_is_wrong_is_named() {
     let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
         property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
