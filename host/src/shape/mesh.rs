@@ -88,28 +88,36 @@ impl Mesh {
     }
 
     /// `count` points spread evenly over the area, each with the outward unit normal of its face;
-    /// none when there is no area. Equal strips of the accumulated area each give one point, placed
-    /// in its triangle by a low-discrepancy sequence.
+    /// none when there is no area.
     pub fn samples(&self, count: usize) -> Vec<(Point, Point)> {
-        let total = self.area();
-        let mut samples = Vec::with_capacity(count);
-        let mut accumulated = 0.0;
-        for corners in self.faces() {
-            let [a, b, c] = corners;
+        let sample = |(triangle, [s, t, u]): (usize, [f64; 3])| {
+            let [a, b, c] = self.triangles[triangle].map(|v| self.vertices[v as usize]);
             let normal = (b - a).cross(&(c - a));
-            let area = normal.norm() / 2.0;
+            (a * s + b * t + c * u, normal / normal.norm())
+        };
+        self.places(count).into_iter().map(sample).collect()
+    }
+
+    /// Where [`Mesh::samples`] are: in which triangle, and the shares of its corners in the point.
+    /// Equal strips of the accumulated area each give one point, placed in its triangle by a
+    /// low-discrepancy sequence.
+    pub fn places(&self, count: usize) -> Vec<(usize, [f64; 3])> {
+        let total = self.area();
+        let mut places = Vec::with_capacity(count);
+        let mut accumulated = 0.0;
+        for (triangle, [a, b, c]) in self.faces().enumerate() {
+            let area = (b - a).cross(&(c - a)).norm() / 2.0;
             accumulated += area;
             while area > 0.0
-                && samples.len() < count
-                && (samples.len() as f64 + 0.5) / count as f64 * total <= accumulated
+                && places.len() < count
+                && (places.len() as f64 + 0.5) / count as f64 * total <= accumulated
             {
-                let (u, v) = plastic(samples.len());
+                let (u, v) = plastic(places.len());
                 let root = u.sqrt();
-                let point = a * (1.0 - root) + b * (root * (1.0 - v)) + c * (root * v);
-                samples.push((point, normal / (2.0 * area)));
+                places.push((triangle, [1.0 - root, root * (1.0 - v), root * v]));
             }
         }
-        samples
+        places
     }
 
     /// The first hit of the ray from `origin` along the unit `direction` within `reach` metres on

@@ -4,14 +4,14 @@ use crate::shape::Geometry;
 use crate::space::Point;
 
 /// About how many points cover a surface, besides its vertices.
-const POINTS: f64 = 5_000.0;
+const POINTS: usize = 5_000;
 
 /// Points about evenly spread over a shape, its vertices among them, each with its standard deviation
 /// between those of the vertices around it; `deviation` tells those (not a number where unknown).
 pub(super) fn cover(geometry: &Geometry, deviation: impl Fn(usize) -> f64) -> Vec<(Point, f64)> {
     match geometry {
         Geometry::Outline(outline) => {
-            let spacing = outline.perimeter() / POINTS;
+            let spacing = outline.perimeter() / POINTS as f64;
             let mut points = Vec::new();
             let mut first = 0;
             for vertices in &outline.loops {
@@ -30,29 +30,23 @@ pub(super) fn cover(geometry: &Geometry, deviation: impl Fn(usize) -> f64) -> Ve
             points
         }
         Geometry::Mesh(mesh) => {
-            // A triangle in n² parts of its own form holds about n²/2 points that no other has.
-            let spacing = (2.0 * mesh.area() / POINTS).sqrt();
+            // By area, so that needles get no more than their share.
             let corner = |v: u32| (mesh.vertices()[v as usize], deviation(v as usize));
-            let mut points: Vec<_> = (0..mesh.vertices().len() as u32).map(corner).collect();
-            for &[a, b, c] in mesh.triangles() {
-                let [a, b, c] = [a, b, c].map(corner);
-                let longest = [(a, b), (b, c), (c, a)].map(|(p, q)| (q.0 - p.0).norm());
-                let steps = steps(longest.into_iter().fold(0.0, f64::max), spacing);
-                for row in 1..steps {
-                    let share = row as f64 / steps as f64;
-                    let (left, right) = (between(a, b, share), between(a, c, share));
-                    points.extend((0..=row).map(|k| between(left, right, k as f64 / row as f64)));
-                }
-                points.extend((1..steps).map(|k| between(b, c, k as f64 / steps as f64)));
-            }
-            points
+            let vertices = (0..mesh.vertices().len() as u32).map(corner);
+            let places = mesh.places(POINTS).into_iter().map(|(triangle, shares)| {
+                let corners = mesh.triangles()[triangle].map(corner).into_iter().zip(shares);
+                corners.fold((Point::zeros(), 0.0), |(at, spread), ((p, deviation), share)| {
+                    (at + p * share, spread + deviation * share)
+                })
+            });
+            vertices.chain(places).collect()
         }
     }
 }
 
 /// Into how many parts a length is cut, one at least.
 fn steps(length: f64, spacing: f64) -> usize {
-    ((length / spacing).round() as usize).clamp(1, POINTS as usize)
+    ((length / spacing).round() as usize).clamp(1, POINTS)
 }
 
 /// Between `from` (0) and `to` (1).
@@ -84,14 +78,39 @@ mod tests {
         let face = |triangles| Mesh::new(corners.map(Point::from).to_vec(), triangles).unwrap();
         let square = Geometry::Mesh(face(vec![[0, 1, 2], [0, 2, 3]]));
         let points = cover(&square, |_| 1e-3);
-        assert!((2_500..10_000).contains(&points.len()), "{}", points.len());
-        assert!(points.iter().all(|(_, d)| *d == 1e-3));
+        assert_eq!(points.len(), 4 + POINTS);
+        assert!(points.iter().all(|(_, d)| (d - 1e-3).abs() < 1e-12));
         for probe in [[0.3, 0.2], [0.2, 0.7], [0.99, 0.5]] {
             let probe = Point::new(probe[0], probe[1], 0.0);
             let nearest = points.iter().map(|(p, _)| (p - probe).norm()).fold(1.0, f64::min);
             assert!(nearest < 0.03, "{nearest}");
         }
         assert!(cover(&Geometry::Outline(Outline { loops: vec![] }), |_| 0.0).is_empty());
+    }
+
+    #[test]
+    fn a_rod_of_needles_gets_no_more_points_than_a_box() {
+        // 180 sides of 0.2 by 600 mm.
+        let sides = 180;
+        let corner = |i: u32| {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(i / 2) / 180.0).sin_cos();
+            Point::new(0.005 * cos, 0.005 * sin, if i % 2 == 0 { 0.0 } else { 0.6 })
+        };
+        let side = |i: u32| {
+            let [a, b] = [2 * i, 2 * ((i + 1) % sides)];
+            [[a, b, b + 1], [a, b + 1, a + 1]]
+        };
+        let corners = (0..2 * sides).map(corner).collect();
+        let rod = Mesh::new(corners, (0..sides).flat_map(side).collect()).unwrap();
+        let points = cover(&Geometry::Mesh(rod), |vertex| (vertex % 2) as f64);
+        assert_eq!(points.len(), 360 + POINTS);
+        assert!(points.iter().all(|(p, d)| (p.z / 0.6 - d).abs() < 1e-9), "between the ends");
+        for tenth in 0..10 {
+            let low = 0.06 * f64::from(tenth);
+            let here = points[360..].iter().filter(|(p, _)| (low..low + 0.06).contains(&p.z));
+            let count = here.count();
+            assert!((450..550).contains(&count), "{count} from {low} m");
+        }
     }
 
     #[test]
