@@ -20,6 +20,9 @@ use crate::view::report::{JudgedGrasp, Report, Run, gauge, pose_errors};
 use crate::view::summary::{self, Summary};
 use crate::view::{html, mcap, scene, trajectory};
 
+/// The file that says what came of a run.
+const REPORT: &str = "report.json";
+
 /// The true shape of a log cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum TruthError {
@@ -234,7 +237,7 @@ pub fn check_folder(folder: &Path) -> Result<(), WriteError> {
         "replay.html",
         "summary.png",
         "summary.svg",
-        "report.json",
+        REPORT,
     ] {
         let path = folder.join(name);
         if path.is_dir() {
@@ -242,6 +245,17 @@ pub fn check_folder(folder: &Path) -> Result<(), WriteError> {
         }
     }
     Ok(())
+}
+
+/// Makes the folder, and takes out the report of the run before: it would stand beside files that
+/// are not its own if this run were broken off.
+fn begin(folder: &Path) -> Result<(), WriteError> {
+    std::fs::create_dir_all(folder).map_err(WriteError::at(folder))?;
+    let report = folder.join(REPORT);
+    match std::fs::remove_file(&report) {
+        Err(e) if e.kind() != io::ErrorKind::NotFound => Err(WriteError::at(&report)(e)),
+        _ => Ok(()),
+    }
 }
 
 impl Outcome {
@@ -267,15 +281,15 @@ impl Outcome {
     /// Names the file that could not be written.
     pub fn write_plain(&self, folder: &Path, format: Plain) -> Result<(), WriteError> {
         let Geometry::Mesh(mesh) = &self.reconstruction.geometry else { return Ok(()) };
-        std::fs::create_dir_all(folder).map_err(WriteError::at(folder))?;
+        begin(folder)?;
         let path = folder.join("shape").with_extension(format.ending());
         Ok(files::write_plain(&path, mesh, format)?)
     }
 
     /// Writes `report.json`, `contour.csv` or `shape.ply`, `trajectory.tum`, `graph.g2o`,
     /// `replay.mcap`, `replay.html`, `summary.png` and `summary.svg` into `folder`, which is made if need
-    /// be. Everything is computed before the first file appears, and each file appears whole. `log` and `truth` are
-    /// those it was concluded from.
+    /// be. Everything is computed before the first file appears, and each file appears whole: a report that is
+    /// there already goes first, the new one comes last. `log` and `truth` are those it was concluded from.
     ///
     /// # Errors
     /// Names the file that could not be written.
@@ -291,7 +305,7 @@ impl Outcome {
         let pixels = picture.png().map_err(unpaintable)?;
         let grown = replay::growth(log, self);
         let replay = replay::of_run(log, self, truth, &grown);
-        std::fs::create_dir_all(folder).map_err(WriteError::at(folder))?;
+        begin(folder)?;
 
         let shape = folder.join(match self.reconstruction.geometry {
             Geometry::Outline(_) => "contour.csv",
@@ -334,7 +348,39 @@ impl Outcome {
                 .map_err(WriteError::at(&path))?;
         }
         // Last, so that a report means that everything is there.
-        let path = folder.join("report.json");
+        let path = folder.join(REPORT);
         self.report.write(&path).map_err(WriteError::at(&path))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::slam::track;
+
+    #[test]
+    fn no_report_stands_beside_the_files_of_a_run_that_was_broken_off() {
+        // A square, touched once in the middle of each side.
+        let text = r#"{"format":"tactile-grasp-log","version":1,"dimension":2}
+            {"grasp":0,"contacts":[{"point":[0.05,0],"normal":[1,0]},{"point":[0,0.05],"normal":[0,1]},{"point":[-0.05,0],"normal":[-1,0]},{"point":[0,-0.05],"normal":[0,-1]}],"truth":{"pose":{"translation":[0,0],"rotation":0}}}"#;
+        let log = GraspLog::parse(text.as_bytes(), Path::new("square")).unwrap();
+        let provenance = Provenance {
+            title: "a square",
+            tracker: "truth",
+            surface: Choice::Auto,
+            tracking_seconds: 0.0,
+            graph: None,
+            progress: &|_, _| (),
+        };
+        let outcome = conclude(&log, None, track::truth(&log).unwrap(), provenance).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let report = folder.path().join("report.json");
+        outcome.write(folder.path(), &log, None).unwrap();
+        assert!(report.is_file());
+        // The next one fails halfway.
+        std::fs::remove_file(folder.path().join("trajectory.tum")).unwrap();
+        std::fs::create_dir(folder.path().join("trajectory.tum")).unwrap();
+        assert!(outcome.write(folder.path(), &log, None).is_err());
+        assert!(!report.exists() && folder.path().join("contour.csv").is_file());
     }
 }
