@@ -19,9 +19,9 @@ use crate::space::{self, Bridge, Point, Pose};
 #[derive(Clone, Debug, PartialEq)]
 pub struct Replayed {
     /// What the host sent and the board accepted, as a grasp log; every grasp carries the board's
-    /// estimate in the field `estimate`, which no estimator reads.
+    /// estimate, if it came, in the field `estimate`, which no estimator reads.
     pub log: GraspLog,
-    /// What the board answered, one for every grasp.
+    /// What the board answered: one for every grasp whose answer is in the recording.
     pub estimates: Vec<RecordedEstimate>,
     /// Who answered.
     pub hello: Option<Hello>,
@@ -101,7 +101,7 @@ impl Recording {
 pub enum Heard {
     /// The board was told to begin anew: what came before is of another object.
     Forgotten,
-    /// A grasp that the board accepted, and what it made of it.
+    /// A grasp that the board accepted, and what it made of it, where the recording tells.
     Grasp(Box<LoggedGrasp>, Option<RecordedEstimate>),
 }
 
@@ -145,6 +145,7 @@ struct Collector<'a, S: WireSpace> {
     fingers: usize,
     settings: Settings,
     grasp: LoggedGrasp,
+    /// What the board made of the grasp that it is about to answer.
     estimate: Option<EstimateFrame<S>>,
     /// The last grasp, whose other answers may yet come.
     done: Option<(LoggedGrasp, Option<RecordedEstimate>)>,
@@ -226,7 +227,7 @@ fn listen_in<S: Bridge + WireSpace>(
                     let (taken, rest) = from_board.take(left);
                     left = rest;
                     if let Some(Ok(received)) = taken {
-                        collector.answered(received, &mut pending, piece.time);
+                        collector.answered(received, &mut pending);
                     }
                 }
             }
@@ -240,29 +241,34 @@ fn listen_in<S: Bridge + WireSpace>(
 
 impl<S: Bridge + WireSpace> Collector<'_, S> {
     /// What the board says; a reply is to the command that is `pending`.
-    fn answered(
-        &mut self,
-        received: Received<Report<S>>,
-        pending: &mut Option<(u8, Command<S>)>,
-        time: Duration,
-    ) {
+    fn answered(&mut self, received: Received<Report<S>>, pending: &mut Option<(u8, Command<S>)>) {
+        // Before the reply to a commit these are of that grasp. After it the answer was sent again, as the
+        // host had missed a part of it: what comes for the first time then is of the last grasp.
+        let committing = matches!(pending, Some((_, Command::Commit)));
         match received.frame.message {
             Report::Hello(hello) => self.rest.hello = Some(hello),
             Report::Health(health) => self.rest.health = Some(health),
-            Report::Estimate(estimate) => self.estimate = Some(estimate),
+            Report::Estimate(_) | Report::Felt(_) if received.arrival == Arrival::Doubled => {}
+            Report::Estimate(estimate) if committing => self.estimate = Some(estimate),
+            Report::Estimate(estimate) => self.estimated(&estimate),
             Report::Mode(frame) => self.mode(&frame),
             Report::Face(_) | Report::Contact(_) | Report::Finger(_) | Report::Choice(_) => {}
-            Report::Felt(frame) if received.arrival != Arrival::Doubled => self.felt.push(frame),
-            Report::Felt(_) => {}
+            Report::Felt(frame) if committing => self.felt.push(frame),
+            Report::Felt(frame) => {
+                let contact = self.logged(&frame);
+                if let Some((grasp, _)) = &mut self.done {
+                    grasp.contacts.push(contact);
+                }
+            }
             Report::Reply(reply) => match pending.take_if(|(sequence, _)| *sequence == reply.to) {
-                Some((_, command)) if reply.refusal.is_none() => self.obeyed(command, time),
+                Some((_, command)) if reply.refusal.is_none() => self.obeyed(command),
                 Some(_) => self.rest.refused += 1,
                 None => {}
             },
         }
     }
 
-    fn obeyed(&mut self, command: Command<S>, time: Duration) {
+    fn obeyed(&mut self, command: Command<S>) {
         match command {
             Command::Hello { .. } | Command::Ping | Command::Query(_) => {}
             // Of no account to what was felt: the estimates that follow show it.
@@ -287,7 +293,7 @@ impl<S: Bridge + WireSpace> Collector<'_, S> {
             Command::Motion(frame) => {
                 self.grasp.motion = frame.motion().map(|m| S::isometry(&m));
             }
-            Command::Contact(frame) => self.touched(&frame),
+            Command::Contact(frame) => self.grasp.contacts.push(self.logged(&frame)),
             Command::Free(frame) => {
                 let free = frame.free_point();
                 let finger = self.finger(free.finger);
@@ -297,27 +303,22 @@ impl<S: Bridge + WireSpace> Collector<'_, S> {
                     unknown: Map::new(),
                 });
             }
-            Command::Commit => {
-                for frame in std::mem::take(&mut self.felt) {
-                    self.touched(&frame);
-                }
-                self.commit(time);
-            }
+            Command::Commit => self.commit(),
         }
     }
 
     /// A contact of the grasp, sent by the host or felt by the board.
-    fn touched(&mut self, frame: &ContactFrame<S>) {
+    fn logged(&self, frame: &ContactFrame<S>) -> LoggedContact {
         let contact = frame.contact(&self.settings);
         let own = contact.normal_deviation != self.settings.normal;
-        self.grasp.contacts.push(LoggedContact {
+        LoggedContact {
             finger: self.finger(contact.finger),
             point: shortest_point::<S>(&contact.point),
             normal: contact.normal.map(|n| shortest_point::<S>(&n)),
             normal_noise: own.then_some(shortest(contact.normal_deviation)),
             force: None,
             unknown: Map::new(),
-        });
+        }
     }
 
     /// One of the answers of the last estimate.
@@ -339,6 +340,7 @@ impl<S: Bridge + WireSpace> Collector<'_, S> {
         self.tell();
         self.grasp = empty_grasp(0);
         self.estimate = None;
+        self.felt.clear();
         (self.hear)(Heard::Forgotten);
     }
 
@@ -349,25 +351,37 @@ impl<S: Bridge + WireSpace> Collector<'_, S> {
         }
     }
 
-    fn commit(&mut self, time: Duration) {
+    fn commit(&mut self) {
         self.tell();
+        for frame in std::mem::take(&mut self.felt) {
+            self.grasp.contacts.push(self.logged(&frame));
+        }
         let next = self.grasp.index + 1;
         let mut grasp = std::mem::replace(&mut self.grasp, empty_grasp(next));
-        grasp.time = Some(time.as_secs_f64());
-        let Some(estimate) = self.estimate.take() else { return };
-        let recorded = estimate.pose().map(|pose| RecordedEstimate {
-            time,
-            grasp: estimate.grasp,
-            pose: S::isometry(&pose),
-            status: estimate.status(),
-            modes: Vec::new(),
-            deviations: AsRef::<[f32]>::as_ref(&estimate.deviations).to_vec(),
-            effective_particles: estimate.effective_particles,
-            contacts: [estimate.contacts, estimate.rejected, estimate.dropped],
-            corrected: estimate.corrected(),
-            resampled: estimate.resampled(),
-        });
-        self.done = Some((grasp, recorded));
+        grasp.time = Some(self.rest.duration.as_secs_f64());
+        self.done = Some((grasp, None));
+        if let Some(estimate) = self.estimate.take() {
+            self.estimated(&estimate);
+        }
+    }
+
+    /// What the board made of the last grasp, if that is not known yet.
+    fn estimated(&mut self, estimate: &EstimateFrame<S>) {
+        let time = self.rest.duration;
+        if let (Some((_, told @ None)), Some(pose)) = (&mut self.done, estimate.pose()) {
+            *told = Some(RecordedEstimate {
+                time,
+                grasp: estimate.grasp,
+                pose: S::isometry(&pose),
+                status: estimate.status(),
+                modes: Vec::new(),
+                deviations: AsRef::<[f32]>::as_ref(&estimate.deviations).to_vec(),
+                effective_particles: estimate.effective_particles,
+                contacts: [estimate.contacts, estimate.rejected, estimate.dropped],
+                corrected: estimate.corrected(),
+                resampled: estimate.resampled(),
+            });
+        }
     }
 }
 
@@ -432,27 +446,4 @@ impl Replayed {
 }
 
 #[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    use super::shortest;
-
-    proptest! {
-        #[test]
-        fn numbers_have_the_fewest_digits(bits in any::<u32>(), near in -2.0f32..2.0) {
-            for value in [f32::from_bits(bits), near, near * 1e-3] {
-                let expected: f64 = value.to_string().parse().unwrap();
-                prop_assert!(shortest(value).to_bits() == expected.to_bits() || value.is_nan(), "{value}");
-            }
-        }
-    }
-
-    #[test]
-    fn round_numbers_stay_round() {
-        for (value, expected) in
-            [(0.001f32, 0.001), (0.0, 0.0), (-0.25, -0.25), (1e-9, 1e-9), (0.0873, 0.0873)]
-        {
-            assert_eq!(shortest(value), expected);
-        }
-    }
-}
+mod tests;
