@@ -33,7 +33,7 @@ pub struct Replayed {
     pub to_board: Counters,
     /// Commands the board refused.
     pub refused: usize,
-    /// Time of the last piece.
+    /// From the start to the last piece; see [`listen`] for times that run backwards.
     pub duration: Duration,
 }
 
@@ -120,13 +120,16 @@ pub struct Rest {
     pub to_board: Counters,
     /// Commands the board refused.
     pub refused: usize,
-    /// Time of the last piece.
+    /// From the start to the last piece; see [`listen`] for times that run backwards.
     pub duration: Duration,
 }
 
 /// Decodes both directions, pairs commands with replies, and tells `hear` of every grasp as it comes
 /// about: for recordings that are too long to be held at once. `pieces` puts one after the other to the
 /// ear that it is given.
+///
+/// Times never run backwards: a step back in the pieces' times, as where two recordings were joined, takes
+/// no time, and steps forwards count from there.
 pub fn listen(
     header: &Header,
     pieces: impl FnOnce(&mut dyn FnMut(&Piece)),
@@ -173,6 +176,22 @@ fn shortest_point<S: Bridge>(vector: &S::Vector) -> Point {
     S::point(vector).map(|v| shortest(v as f32))
 }
 
+/// What a log says of settings that a board accepted. A board may be told that motions are exact; a log's
+/// deviations are positive, and without one a usual motion would be taken. The least says the same as zero:
+/// models that need a positive one take it for zero.
+fn noise(settings: &Settings) -> Noise {
+    let or_least = |deviation: f32, least: f64| match deviation {
+        0.0 => Some(least),
+        positive => Some(shortest(positive)),
+    };
+    Noise {
+        point: Some(shortest(settings.point)),
+        normal: Some(shortest(settings.normal)),
+        translation: or_least(settings.translation, Noise::LEAST_TRANSLATION),
+        rotation: or_least(settings.rotation, Noise::LEAST_ROTATION),
+    }
+}
+
 fn empty_grasp(index: u64) -> LoggedGrasp {
     LoggedGrasp {
         index,
@@ -211,8 +230,11 @@ fn listen_in<S: Bridge + WireSpace>(
     let mut to_board = Decoder::<Command<S>>::new();
     let mut from_board = Decoder::<Report<S>>::new();
     let mut pending: Option<(u8, Command<S>)> = None;
+    let mut last = Duration::ZERO;
     pieces(&mut |piece| {
-        collector.rest.duration = piece.time;
+        let passed = piece.time.saturating_sub(last);
+        collector.rest.duration = collector.rest.duration.saturating_add(passed);
+        last = piece.time;
         let mut left = &piece.bytes[..];
         while !left.is_empty() {
             match piece.way {
@@ -280,13 +302,11 @@ impl<S: Bridge + WireSpace> Collector<'_, S> {
             | Command::Words(_)
             | Command::Consider(_) => {}
             Command::Configure(settings) => {
-                self.settings = settings;
-                self.rest.noise = Noise {
-                    point: Some(shortest(settings.point)),
-                    normal: Some(shortest(settings.normal)),
-                    translation: Some(shortest(settings.translation)),
-                    rotation: Some(shortest(settings.rotation)),
-                };
+                // Boards refuse what is not valid.
+                if settings.is_valid() {
+                    self.settings = settings;
+                    self.rest.noise = noise(&settings);
+                }
                 self.forget();
             }
             Command::Reset => self.forget(),

@@ -29,6 +29,11 @@ fn round_numbers_stay_round() {
 
 /// A few grasps of a planar object through a board, every frame a piece.
 fn recorded() -> Recording {
+    recorded_with(|settings| settings)
+}
+
+/// The same with the board told other settings than the log's.
+fn recorded_with(change: impl Fn(Settings) -> Settings) -> Recording {
     let object = "rectangle:0.10x0.06".parse().unwrap();
     let log = simulate(&Options { grasps: Some(4), ..Options::new(object) }).unwrap().log;
     let mut bytes = Vec::new();
@@ -36,7 +41,7 @@ fn recorded() -> Recording {
     let board = virtual_board::start(2, TrackerKind::Bootstrap).unwrap();
     let link = Recorder::new(board, &mut bytes, &header).unwrap();
     let session = Session::<Planar, _>::open(link, Patience::default()).unwrap();
-    session.run(&log, settings_for(&log, 0), |_, _| ()).unwrap();
+    session.run(&log, change(settings_for(&log, 0)), |_, _| ()).unwrap();
     Recording::parse(&bytes).unwrap()
 }
 
@@ -119,4 +124,39 @@ fn a_contact_of_the_boards_that_comes_with_the_second_answer_is_that_grasps() {
     assert_eq!(grasps[1].contacts.len(), logged + 1);
     assert_eq!(grasps[1].contacts.last().unwrap().point, grasps[0].contacts[0].point);
     assert_eq!(grasps[2].contacts.len(), logged);
+}
+
+/// The log as a reader has it, which is strict.
+fn read_back(log: &GraspLog) -> GraspLog {
+    let mut text = Vec::new();
+    log.to_writer(&mut text).unwrap();
+    GraspLog::parse(&text[..], "back".as_ref()).unwrap()
+}
+
+#[test]
+fn a_board_told_that_motions_are_exact_leaves_a_log_that_is_read() {
+    let exact = |settings| Settings { translation: 0.0, rotation: 0.0, ..settings };
+    let replayed = recorded_with(exact).replay();
+    let noise = read_back(&replayed.log).noise;
+    assert_eq!(noise.translation, Some(Noise::LEAST_TRANSLATION));
+    assert_eq!(noise.rotation, Some(Noise::LEAST_ROTATION));
+    assert!(noise.point.is_some() && noise.normal.is_some());
+}
+
+#[test]
+fn times_that_run_backwards_leave_a_log_that_is_read() {
+    let mut recording = recorded();
+    let count = recording.pieces.len() as u64;
+    for (piece, number) in recording.pieces.iter_mut().zip(1..) {
+        // Once from the start again.
+        let number = if number > count / 2 { number - count / 2 } else { number };
+        piece.time = Duration::from_secs(number);
+    }
+    let replayed = recording.replay();
+    let back = read_back(&replayed.log);
+    let times: Vec<f64> = back.grasps.iter().map(|g| g.time.unwrap()).collect();
+    assert!(times.is_sorted() && times[3] > times[1], "{times:?}");
+    // The step back takes no time.
+    assert_eq!(replayed.duration.as_secs(), count - 1);
+    assert!(replayed.estimates.is_sorted_by_key(|e| e.time));
 }
