@@ -25,10 +25,15 @@ use super::lesson::Lesson;
 mod log;
 mod outcome;
 mod sensed;
+#[cfg(test)]
+mod tests;
 
 pub use log::settings_for;
 pub use outcome::{FeltContact, GraspOutcome, LogOutcome, steps};
 pub use sensed::SensedError;
+
+/// Bytes of a board's longest answer.
+const ANSWER: usize = 4 * MAX_FRAME;
 
 /// How long to wait before a command is sent again, and how often.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -323,7 +328,8 @@ impl<S: WireSpace, L: Link> Session<S, L> {
         self.ask("stream", Command::Stream { period }).map(|_| ())
     }
 
-    /// Listens for `time`, without asking anything.
+    /// Listens for `time`, without asking anything. What has come of a frame by then is kept for
+    /// whoever listens next.
     ///
     /// # Errors
     /// When the link fails.
@@ -501,7 +507,8 @@ impl<S: WireSpace, L: Link> Session<S, L> {
         })
     }
 
-    /// Collects reports until the reply to `sequence`, if any: true. False when the time is over.
+    /// Collects reports until the reply to `sequence`, if any: true. False when the time is over; what
+    /// has come by then of a frame, and what was not taken yet, is heard next time.
     fn hear(
         &mut self,
         name: &'static str,
@@ -509,13 +516,18 @@ impl<S: WireSpace, L: Link> Session<S, L> {
         deadline: Instant,
         answer: &mut Answer<S>,
     ) -> Result<bool, SessionError> {
+        let mut taken = 0;
         loop {
             // One byte at a time, so that nothing after the reply is taken with it.
             let mut byte = [0];
             let left = deadline.saturating_duration_since(Instant::now());
-            if self.link.receive(&mut byte, left)? == 0 {
+            // An answer that is there is heard at any patience. A line on which bytes come without end
+            // must not hold this one.
+            let is_over = left.is_zero() && taken >= ANSWER;
+            if is_over || self.link.receive(&mut byte, left)? == 0 {
                 return Ok(false);
             }
+            taken += 1;
             let received = match self.decoder.push(byte[0]) {
                 Some(Ok(received)) => received,
                 Some(Err(FrameError::Version { theirs, .. })) => {
