@@ -398,21 +398,24 @@ fn converse<S: Bridge + WireSpace>(
     Ok(Fed { steps: outcome.steps(), seconds, teaching, board, text })
 }
 
-fn left_out<S: WireSpace>(outcome: &LogOutcome<S>) -> usize {
-    outcome.grasps.iter().map(|g| g.not_sent).sum()
+/// Contacts and free points that a grasp had no room for.
+fn left_out<S: WireSpace>(outcome: &LogOutcome<S>) -> [usize; 2] {
+    let grasps = &outcome.grasps;
+    [grasps.iter().map(|g| g.not_sent).sum(), grasps.iter().map(|g| g.free_not_sent).sum()]
 }
 
 fn figures<S: WireSpace>(outcome: &LogOutcome<S>) -> Value {
     let hello = &outcome.hello;
     let [major, minor, patch] = hello.firmware;
     let health = outcome.grasps.last().map(|g| g.health);
+    let [contacts, free] = left_out(outcome);
     json!({
         "board": format!("{:?}", hello.board),
         "tracker": format!("{:?}", hello.tracker),
         "firmware": format!("{major}.{minor}.{patch}"),
         "capacity": { "grasp": hello.contacts, "map": hello.map, "particles": hello.particles },
         "frames": outcome.received.frames, "damaged": outcome.received.damaged(),
-        "repeated": outcome.repeated, "contacts_not_sent": left_out(outcome),
+        "repeated": outcome.repeated, "contacts_not_sent": contacts, "free_points_not_sent": free,
         "health": health.map(|h| json!({
             "frames": h.received.frames, "damaged": h.received.damaged(), "overruns": h.overruns,
             "refused": h.refused, "peak_stack": h.peak_stack, "stack": h.stack,
@@ -444,9 +447,11 @@ fn words<S: WireSpace>(outcome: &LogOutcome<S>) -> String {
             f64::from(health.worst_update) / 1e3
         );
     }
-    match left_out(outcome) {
-        0 => {}
-        n => text += &format!("\nleft out       {n} contacts beyond {} in a grasp", hello.contacts),
+    for (count, what) in left_out(outcome).into_iter().zip(["contacts", "free points"]) {
+        if count > 0 {
+            let room = hello.contacts;
+            text += &format!("\nleft out       {count} {what} beyond {room} in a grasp");
+        }
     }
     text
 }

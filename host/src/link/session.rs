@@ -432,8 +432,9 @@ impl<S: WireSpace, L: Link> Session<S, L> {
             Status::Ambiguous => self.modes()?,
             _ => Vec::new(),
         };
-        let not_sent = contacts.len().saturating_sub(room);
-        Ok(GraspOutcome { estimate, modes, health, not_sent, elapsed, felt })
+        let [not_sent, free_not_sent] =
+            [contacts.len(), free.len()].map(|all| all.saturating_sub(room));
+        Ok(GraspOutcome { estimate, modes, health, not_sent, free_not_sent, elapsed, felt })
     }
 
     /// Replaces what the board believes by what the host knows better.

@@ -21,6 +21,8 @@ pub struct GraspOutcome<S: WireSpace> {
     pub health: Health,
     /// Contacts of the log that the board's grasp had no room for.
     pub not_sent: usize,
+    /// Free points of the log that it had no room for.
+    pub free_not_sent: usize,
     /// From the first frame of the grasp to the estimate.
     pub elapsed: Duration,
     /// What the board's own sensors added to the grasp.

@@ -123,3 +123,16 @@ fn an_answer_that_is_there_is_heard_without_patience() {
     let outcome = session.grasp(None, &[touch(0.03, 0.0)], &[]).unwrap();
     assert_eq!((outcome.estimate.grasp, session.repeated()), (0, 0));
 }
+
+#[test]
+fn contacts_and_free_points_that_do_not_fit_are_counted_each() {
+    let mut session = Session::<Planar, _>::open(board(), patience(500, 1)).unwrap();
+    let room = usize::from(session.hello().unwrap().contacts);
+    let contacts = vec![touch(0.03, 0.0); room + 2];
+    let free = vec![FreePoint { point: contacts[0].point, finger: 1 }; room + 5];
+    let outcome = session.grasp(None, &contacts, &free).unwrap();
+    assert_eq!((outcome.not_sent, outcome.free_not_sent), (2, 5));
+    assert_eq!(outcome.health.overfull, 0);
+    let outcome = session.grasp(None, &contacts[..room], &free[..room]).unwrap();
+    assert_eq!((outcome.not_sent, outcome.free_not_sent), (0, 0));
+}
