@@ -224,7 +224,7 @@ impl<S: WireSpace, L: Link> Session<S, L> {
         Ok(())
     }
 
-    /// Makes the board forget the object.
+    /// Makes the board forget the object, and what it was told of a grasp that was not finished.
     ///
     /// # Errors
     /// No answer.
@@ -395,7 +395,9 @@ impl<S: WireSpace, L: Link> Session<S, L> {
     /// frame.
     ///
     /// # Errors
-    /// No answer, a refusal, or an answer to another grasp.
+    /// No answer, a refusal, or an answer to another grasp. What the board was told of the grasp before
+    /// stays with it: told again, the motion is refused and contacts are doubled. It forgets them only
+    /// together with the object, by [`reset`](Self::reset) or [`configure`](Self::configure).
     pub fn grasp(
         &mut self,
         motion: Option<&S::Pose>,

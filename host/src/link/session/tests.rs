@@ -136,3 +136,45 @@ fn contacts_and_free_points_that_do_not_fit_are_counted_each() {
     let outcome = session.grasp(None, &contacts[..room], &free[..room]).unwrap();
     assert_eq!((outcome.not_sent, outcome.free_not_sent), (0, 0));
 }
+
+/// A board that hears so many more frames.
+struct Deaf<'a>(Box<dyn Link>, &'a Cell<u32>);
+
+impl Link for Deaf<'_> {
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        match self.1.get().checked_sub(1) {
+            None => Ok(()),
+            Some(left) => {
+                self.1.set(left);
+                self.0.send(bytes)
+            }
+        }
+    }
+
+    fn receive(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        self.0.receive(bytes, timeout)
+    }
+}
+
+#[test]
+fn a_grasp_that_broke_off_stays_with_the_board_until_it_is_reset() {
+    let hears = Cell::new(u32::MAX);
+    let link = Deaf(board(), &hears);
+    let mut session = Session::<Planar, _>::open(link, patience(0, 2)).unwrap();
+    let contacts = [touch(0.03, 0.0), touch(0.0, 0.02)];
+    let motion = Planar::pose(&crate::space::planar(0.01, 0.0, 0.0));
+    session.grasp(None, &contacts, &[]).unwrap();
+
+    // The motion and one contact.
+    hears.set(2);
+    let error = session.grasp(Some(&motion), &contacts, &[]).unwrap_err();
+    assert!(matches!(error, SessionError::Silent { command: "contact", .. }), "{error}");
+    hears.set(u32::MAX);
+    let error = session.grasp(Some(&motion), &contacts, &[]).unwrap_err();
+    let refusal = Refusal::MotionTwice;
+    assert!(matches!(error, SessionError::Refused { refusal: r, .. } if r == refusal), "{error}");
+
+    session.reset().unwrap();
+    let outcome = session.grasp(Some(&motion), &contacts, &[]).unwrap();
+    assert_eq!(outcome.estimate.grasp, 0);
+}
