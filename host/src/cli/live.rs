@@ -26,7 +26,7 @@ use crate::link::tcp::Tcp;
 use crate::link::{GraspOutcome, Link, LogOutcome, Patience, Recorder, Session, virtual_board};
 use crate::log::GraspLog;
 use crate::log::recording::Header;
-use crate::log::words::Sensors;
+use crate::log::words::{Sensors, Words};
 use crate::slam::choose::Choice;
 use crate::slam::output::{self, Provenance, conclude};
 use crate::slam::track::Step;
@@ -251,7 +251,12 @@ fn sensors(args: &LiveArgs, log: &GraspLog) -> Result<Option<Sensors>, Error> {
     }
     let sensors = Sensors::of(log).map_err(Error::input)?;
     let none = || Error::Input("no raw words; `tactile simulate --sensors` records them".into());
-    sensors.ok_or_else(none).map(Some)
+    let sensors = sensors.ok_or_else(none)?;
+    for grasp in &log.grasps {
+        let unreadable = |e| Error::Input(format!("grasp {}: {e}", grasp.index));
+        grasp.contacts.iter().try_for_each(|c| Words::of(c).map(drop)).map_err(unreadable)?;
+    }
+    Ok(Some(sensors))
 }
 
 fn feed<S: Bridge + WireSpace>(

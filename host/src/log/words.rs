@@ -157,13 +157,19 @@ impl Sensors {
         Ok(())
     }
 
+    /// A finger's readings at rest, at least one.
+    fn at_rest(&self, finger: usize) -> Result<&[Vec<i32>], WordsError> {
+        let rest = self.rest.get(finger).filter(|rest| !rest.is_empty());
+        rest.map(Vec::as_slice).ok_or(WordsError::Finger(finger))
+    }
+
     /// What a board has to be told of a finger for its estimator to be [`estimator`](Self::estimator)'s;
     /// it is tared by the readings at rest.
     ///
     /// # Errors
     /// When the finger has no calibration or no readings at rest.
     pub fn parts(&self, finger: usize) -> Result<Vec<SensorPart>, WordsError> {
-        let rest = self.rest.get(finger).ok_or(WordsError::Finger(finger))?;
+        let rest = self.at_rest(finger)?;
         let skin = SensorPart::Skin(wire::Skin::CappedCylinder {
             radius: self.skin.radius as f32,
             length: self.skin.length as f32,
@@ -235,7 +241,7 @@ impl Sensors {
     /// # Errors
     /// When the finger is not there, a reading is not one, or the settings are refused.
     pub fn estimator(&self, finger: usize) -> Result<Estimator, WordsError> {
-        let rest = self.rest.get(finger).ok_or(WordsError::Finger(finger))?;
+        let rest = self.at_rest(finger)?;
         let refused = |reason| WordsError::Settings { finger, reason };
         let shape = Shape::CappedCylinder {
             radius: self.skin.radius as f32,
@@ -276,15 +282,19 @@ impl Words {
     /// What a contact's sensor read; `None` when the log does not say.
     ///
     /// # Errors
-    /// [`WordsError::Field`].
+    /// [`WordsError::Field`], also where there is not one reading: nothing can be felt of it.
     pub fn of(contact: &LoggedContact) -> Result<Option<Words>, WordsError> {
         let Some(value) = contact.unknown.get(CONTACT) else { return Ok(None) };
-        let bad = |e: serde_json::Error| WordsError::Field {
+        let bad = |reason: String| WordsError::Field {
             field: CONTACT,
             place: "a contact".into(),
-            reason: e.to_string(),
+            reason,
         };
-        Words::deserialize(value).map(Some).map_err(bad)
+        let words = Words::deserialize(value).map_err(|e| bad(e.to_string()))?;
+        if words.words.is_empty() {
+            return Err(bad("expected at least one reading in `words`, found none".into()));
+        }
+        Ok(Some(words))
     }
 
     /// The fingertip's pose in the world; `None` when it is not finite or no rotation.

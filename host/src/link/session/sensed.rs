@@ -205,6 +205,14 @@ mod tests {
         words.rotation = [0.0; 4];
         words.put(&mut nowhere.grasps[2].contacts[1]).unwrap();
         assert!(error(&nowhere, &sensors).contains("grasp 2"));
+        // Neither could be felt, and nobody would know.
+        let mut unread = log.clone();
+        words.words.clear();
+        words.put(&mut unread.grasps[2].contacts[1]).unwrap();
+        assert!(error(&unread, &sensors).contains("at least one reading"));
+        bad = sensors.clone();
+        bad.rest[1].clear();
+        assert!(error(&log, &bad).contains("finger 1: no calibration, or no readings at rest"));
 
         let plain = virtual_board::start(3, TrackerKind::Hypotheses).unwrap();
         let plain = Session::<Spatial, _>::open(plain, Patience::default()).unwrap();
