@@ -133,4 +133,9 @@ fn a_port_where_nobody_listens_fails_and_leaves_nothing() {
     let line = format!("live --port tcp:{free} --log @log.jsonl --record @live.tac --out @out");
     assert_eq!(tactile(here, &line), ExitCode::FAILURE);
     assert_eq!(names(here), ["log.jsonl"]);
+    // An old recording stays as it is.
+    fs::write(here.join("live.tac"), "precious").unwrap();
+    assert_eq!(tactile(here, &line), ExitCode::FAILURE);
+    assert_eq!(names(here), ["live.tac", "log.jsonl"]);
+    assert_eq!(fs::read(here.join("live.tac")).unwrap(), b"precious");
 }

@@ -1,8 +1,7 @@
 //! `tactile live`: a grasp log through a board, and what the board made of it.
 
 use std::fmt;
-use std::fs::File;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
@@ -11,6 +10,7 @@ use serde_json::{Value, json};
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::wire::{Hello, WireSpace};
 
+use self::record::Target;
 use self::watch::Watch;
 use super::Error;
 use super::bundled::Bundled;
@@ -23,7 +23,7 @@ use crate::link::lesson::Lesson;
 use crate::link::qemu::Qemu;
 use crate::link::session::{SensedError, settings_for, steps};
 use crate::link::tcp::Tcp;
-use crate::link::{GraspOutcome, Link, LogOutcome, Patience, Recorder, Session, virtual_board};
+use crate::link::{GraspOutcome, Link, LogOutcome, Patience, Session, virtual_board};
 use crate::log::GraspLog;
 use crate::log::recording::Header;
 use crate::log::words::{Sensors, Words};
@@ -33,6 +33,7 @@ use crate::slam::track::Step;
 use crate::slam::trackers::Kind;
 use crate::space::Bridge;
 
+mod record;
 mod watch;
 
 /// Emulators end after this long, whatever happens.
@@ -59,7 +60,7 @@ pub struct LiveArgs {
     /// Which of the bundled recordings
     #[arg(long, value_enum, value_name = "NAME", default_value_t, conflicts_with = "log")]
     bundled: Bundled,
-    /// Write all frames, both ways, to this recording (.tac)
+    /// Write all frames, both ways, to this recording (.tac); an old one stays if no board answers
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// What the board runs; a board behind tcp must have been built so
@@ -265,31 +266,20 @@ fn feed<S: Bridge + WireSpace>(
     sensors: Option<&Sensors>,
     watch: Option<&Watch<'_>>,
 ) -> Result<Fed, Error> {
-    let file = args.record.as_deref().map(create).transpose()?;
+    let file = args.record.as_deref().map(Target::open).transpose()?;
     let link = match (sensors, &args.port) {
         (Some(_), Port::Virtual) => Ok(virtual_board::start_sensing()),
         (Some(_), Port::Qemu) => emulate_sensing(),
         _ => connect(&args.port, args.tracker, S::DIMENSION),
-    };
-    let result = link.and_then(|link| match &file {
+    }?;
+    match &file {
         None => converse::<S>(link, log, sensors, args, watch),
         Some(file) => {
             let header = Header::new(log.dimension, log.fingers.clone(), log.description.clone());
-            let recorder = Recorder::new(link, file, &header).map_err(Error::failure)?;
-            converse::<S>(recorder, log, sensors, args, watch)
+            let recorded = file.record(link, &header).map_err(Error::failure)?;
+            converse::<S>(recorded, log, sensors, args, watch)
         }
-    });
-    if let (Err(_), Some(file), Some(path)) = (&result, &file, &args.record)
-        && file.metadata().is_ok_and(|m| m.is_file() && m.len() == 0)
-    {
-        // Nobody was reached: no empty recording stays.
-        let _ = std::fs::remove_file(path);
     }
-    result
-}
-
-fn create(path: &Path) -> Result<File, Error> {
-    File::create(path).map_err(|e| Error::Input(format!("{}: cannot write: {e}", path.display())))
 }
 
 /// Reaches the board that follows objects so, or starts one.
