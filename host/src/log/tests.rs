@@ -259,7 +259,8 @@ fn what_a_log_cannot_hold_is_not_written() {
     assert!(log.write(&path).unwrap_err().to_string().contains("finger 9 has no name"));
     // Nor what could be written, but not read again.
     log.grasps[0].contacts[0].finger = None;
-    let unsound: [(fn(&mut GraspLog), &str); 6] = [
+    type Spoil = fn(&mut GraspLog);
+    let unsound: [(Spoil, &str); 6] = [
         (|log| log.grasps[0].contacts[0].normal_noise = Some(0.0), "[0].normal_noise`: expected a"),
         (|log| log.grasps[0].contacts[0].normal = Some(Point::x() * 2.0), "length 1 within"),
         (|log| log.grasps[0].contacts[0].point.x = 1e5, "[0].point`: expected coordinates"),

@@ -380,7 +380,7 @@ mod tests {
 
     /// A line that goes to and fro, `width` wide, `count` times, and back on the left.
     fn comb(count: usize, width: f64) -> Vec<[f64; 2]> {
-        let tooth = |i: usize| [if i % 2 == 0 { 0.0 } else { width }, i as f64];
+        let tooth = |i: usize| [if i.is_multiple_of(2) { 0.0 } else { width }, i as f64];
         let back = [[-1.0, count as f64], [-1.0, -1.0]];
         (0..count).map(tooth).chain(back).collect()
     }

@@ -94,7 +94,7 @@ mod tests {
         let sides = 180;
         let corner = |i: u32| {
             let (sin, cos) = (std::f64::consts::TAU * f64::from(i / 2) / 180.0).sin_cos();
-            Point::new(0.005 * cos, 0.005 * sin, if i % 2 == 0 { 0.0 } else { 0.6 })
+            Point::new(0.005 * cos, 0.005 * sin, if i.is_multiple_of(2) { 0.0 } else { 0.6 })
         };
         let side = |i: u32| {
             let [a, b] = [2 * i, 2 * ((i + 1) % sides)];
