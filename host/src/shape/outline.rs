@@ -31,6 +31,7 @@ impl Outline {
     /// would take very long: never with up to [`MOST_VERTICES`] vertices.
     pub fn new(loops: Vec<Vec<[f64; 2]>>) -> Result<Outline, ShapeError> {
         let mut loops = loops;
+        let mut flat = None;
         for (number, vertices) in loops.iter_mut().enumerate() {
             if let Some(vertex) = vertices.iter().position(|v| !v.iter().all(|x| x.is_finite())) {
                 return Err(ShapeError::Coordinate { vertex });
@@ -47,10 +48,14 @@ impl Outline {
             });
             // Below this the sign of the area is rounding.
             if signed_area(vertices).abs() <= 1e-12 * extent * extent {
-                return Err(ShapeError::NoArea { number });
+                flat = flat.or(Some(number));
             }
         }
+        // First, since the areas on both sides of a crossing may cancel.
         check_simple(&loops)?;
+        if let Some(number) = flat {
+            return Err(ShapeError::NoArea { number });
+        }
         let depths: Vec<usize> = (0..loops.len())
             .map(|i| {
                 let first = loops[i][0];
@@ -374,6 +379,8 @@ mod tests {
         assert!(matches!(bad, Err(ShapeError::FewVertices { vertices: 2, .. })), "{bad:?}");
         let bad = new(&[[0.0, 0.0], [0.1, 0.3], [0.2, 0.6]]);
         assert!(matches!(bad, Err(ShapeError::NoArea { number: 0 })), "{bad:?}");
+        let bow = new(&[[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]]);
+        assert!(matches!(bow, Err(ShapeError::Crossing { a: 0, b: 2 })), "{bow:?}");
         let bad = new(&[[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.2]]);
         assert!(matches!(bad, Err(ShapeError::Crossing { a: 0, b: 2 })), "{bad:?}");
     }
