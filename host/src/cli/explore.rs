@@ -270,21 +270,21 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
     let report: Value = serde_json::from_str(&report).map_err(Error::failure)?;
     if args.json {
         let result = result(args, &settings, &episode, report);
-        say(serde_json::to_string_pretty(&result).map_err(Error::failure)?);
+        say(serde_json::to_string_pretty(&result).map_err(Error::failure)?)?;
     } else {
-        tell(table(&episode.actions));
+        tell(table(&episode.actions))?;
         tell(format_args!(
             "{} after {} actions ({} until {})",
             if episode.reached() { "known" } else { "not known" },
             episode.actions.len(),
             name(args.criterion),
             args.until
-        ));
+        ))?;
         if episode.end == explore::End::NoCandidate {
-            tell("no feasible grasp was left: this is what could be felt");
+            tell("no feasible grasp was left: this is what could be felt")?;
         }
-        tell_report(&outcome.report);
-        tell(format!("results in {}", args.out.display()));
+        tell_report(&outcome.report)?;
+        tell(format_args!("results in {}", args.out.display()))?;
     }
     match view {
         Some(view) => view_address::stay(&view),

@@ -138,8 +138,7 @@ pub fn run(args: &ImportArgs) -> Result<(), Error> {
         }
     };
     log.write(output).map_err(Error::input)?;
-    tell(described(&log, output));
-    Ok(())
+    tell(described(&log, output))
 }
 
 fn pushes(args: &PushArgs) -> Result<GraspLog, Error> {

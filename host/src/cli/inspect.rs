@@ -47,12 +47,11 @@ pub fn inspect_log(file: &Path, json: bool) -> Result<(), Error> {
     let log = GraspLog::read(file).map_err(Error::input)?;
     let summary = Summary::of(&log);
     if json {
-        say(serde_json::to_string_pretty(&summary).map_err(Error::failure)?);
+        say(serde_json::to_string_pretty(&summary).map_err(Error::failure)?)
     } else {
-        say(format_args!("{}\n{}", file.display(), summary.text().trim_end()));
-        courses::of_log(&log).iter().for_each(say);
+        say(format_args!("{}\n{}", file.display(), summary.text().trim_end()))?;
+        courses::of_log(&log).iter().try_for_each(say)
     }
-    Ok(())
 }
 
 /// Says what is in a recording.
@@ -62,12 +61,11 @@ pub fn inspect_log(file: &Path, json: bool) -> Result<(), Error> {
 fn inspect_tac(file: &Path, json: bool) -> Result<(), Error> {
     let inspection = inspect_recording(file).map_err(Error::input)?;
     if json {
-        say(serde_json::to_string_pretty(&inspection.to_json()).map_err(Error::failure)?);
+        say(serde_json::to_string_pretty(&inspection.to_json()).map_err(Error::failure)?)
     } else {
-        say(format_args!("{}\n{}", file.display(), inspection.to_string().trim_end()));
-        courses::of_recording(&inspection.replayed).iter().for_each(say);
+        say(format_args!("{}\n{}", file.display(), inspection.to_string().trim_end()))?;
+        courses::of_recording(&inspection.replayed).iter().try_for_each(say)
     }
-    Ok(())
 }
 
 #[cfg(test)]

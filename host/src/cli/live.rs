@@ -214,14 +214,14 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
         if let Some(fields) = report.as_object_mut() {
             fields.insert("board".into(), fed.board);
         }
-        say(serde_json::to_string_pretty(&report).map_err(Error::failure)?);
+        say(serde_json::to_string_pretty(&report).map_err(Error::failure)?)?;
     } else {
-        tell(fed.text);
+        tell(fed.text)?;
         if args.port == Port::Qemu {
-            tell("               (the emulator's clock: not the time the chip takes)");
+            tell("               (the emulator's clock: not the time the chip takes)")?;
         }
-        tell_report(&outcome.report);
-        tell(format_args!("results in {}", args.out.display()));
+        tell_report(&outcome.report)?;
+        tell(format_args!("results in {}", args.out.display()))?;
     }
     match watch {
         Some(watch) => watch.stay(),

@@ -94,11 +94,10 @@ pub fn run(args: &LocalizeArgs) -> Result<(), Error> {
             "unobservable": found.freedoms.iter().map(freedom).collect::<Vec<_>>(),
             "poses_tried": found.drawn,
         });
-        say(serde_json::to_string_pretty(&report).map_err(Error::failure)?);
+        say(serde_json::to_string_pretty(&report).map_err(Error::failure)?)
     } else {
-        say(told(&found, best, contacts.len(), seconds, reading).trim_end());
+        say(told(&found, best, contacts.len(), seconds, reading).trim_end())
     }
-    Ok(())
 }
 
 fn mode(mode: &Mode) -> Value {

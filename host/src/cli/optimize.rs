@@ -13,7 +13,7 @@ use self::robust::Robust;
 use self::solve::solve;
 use self::told::Told;
 use crate::cli::Error;
-use crate::cli::terminal::{say, tell};
+use crate::cli::terminal::{say, tell, warn};
 use crate::graph::pose::diagnosis::Diagnosis;
 use crate::graph::pose::g2o::{self, G2o, Graph};
 use crate::graph::pose::{Method, Start};
@@ -89,7 +89,7 @@ pub fn run(args: &OptimizeArgs) -> Result<(), Error> {
     let mut file = g2o::read(&args.graph).map_err(Error::input)?;
     let reading = start.elapsed().as_secs_f64();
     for remark in told::remarks(&file) {
-        eprintln!("warning: {name}: {remark}");
+        warn(format_args!("{name}: {remark}"));
     }
     if args.init == Some(Start::File) && !file.has_poses {
         return Err(Error::Input(format!("--init file: {name} has edges alone, no poses")));
@@ -109,7 +109,7 @@ pub fn run(args: &OptimizeArgs) -> Result<(), Error> {
         )));
     }
     for remark in diagnosis.remarks() {
-        eprintln!("warning: {name}: {remark}");
+        warn(format_args!("{name}: {remark}"));
     }
     let G2o { graph, has_poses, .. } = &mut file;
     let solved = match graph {
@@ -117,18 +117,18 @@ pub fn run(args: &OptimizeArgs) -> Result<(), Error> {
         Graph::Spatial(graph) => solve(graph, *has_poses, args),
     }?;
     for remark in solved.remarks() {
-        eprintln!("warning: {name}: {remark}");
+        warn(format_args!("{name}: {remark}"));
     }
     if let Some(out) = &args.out {
         g2o::write(out, &file.graph).map_err(Error::input)?;
     }
     let told = Told { file: &file, diagnosis: &diagnosis, solved: &solved, reading };
     if args.json {
-        say(serde_json::to_string_pretty(&told.json()).map_err(Error::failure)?);
+        say(serde_json::to_string_pretty(&told.json()).map_err(Error::failure)?)?;
     } else {
-        tell(told.text());
+        tell(told.text())?;
         if let Some(out) = &args.out {
-            tell(format!("graph with its new poses in {}", out.display()));
+            tell(format!("graph with its new poses in {}", out.display()))?;
         }
     }
     Ok(())

@@ -67,7 +67,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
         Format::Csv => table(args),
         Format::Mcap => film(args),
     }?;
-    tell(format!("{grasps} grasps in {}", args.output.display()));
+    tell(format!("{grasps} grasps in {}", args.output.display()))?;
     if args.open {
         browser::show(&args.output);
     }

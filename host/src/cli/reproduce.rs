@@ -309,7 +309,7 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
     for name in names().into_iter().filter(wanted) {
         let outcome = one(name, args)?;
         if !args.json {
-            say(&outcome.text);
+            say(&outcome.text)?;
         }
         if let Some(folder) = &args.out {
             outcome.write(folder)?;
@@ -317,7 +317,7 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
         outcomes.push(outcome.json);
     }
     if args.json {
-        say(serde_json::to_string_pretty(&outcomes).map_err(Error::failure)?);
+        say(serde_json::to_string_pretty(&outcomes).map_err(Error::failure)?)?;
     }
     Ok(())
 }
@@ -504,11 +504,10 @@ fn conclude(args: &ReproduceArgs, outcome: &Outcome) -> Result<(), Error> {
         outcome.write(folder)?;
     }
     if args.json {
-        say(serde_json::to_string_pretty(&outcome.json).map_err(Error::failure)?);
+        say(serde_json::to_string_pretty(&outcome.json).map_err(Error::failure)?)
     } else {
-        say(&outcome.text);
+        say(&outcome.text)
     }
-    Ok(())
 }
 
 fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {

@@ -101,8 +101,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Error> {
             Geometry::Outline(_) => "",
             Geometry::Mesh(_) => "; the true mesh is beside it",
         }
-    ));
-    Ok(())
+    ))
 }
 
 #[cfg(test)]

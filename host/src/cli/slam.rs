@@ -191,10 +191,10 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
     }
     input.write(&outcome, &args.out)?;
     if args.json {
-        say(outcome.report.to_json().map_err(Error::failure)?.trim_end());
+        say(outcome.report.to_json().map_err(Error::failure)?.trim_end())?;
     } else {
-        tell_report(&outcome.report);
-        tell(format_args!("results in {}", args.out.display()));
+        tell_report(&outcome.report)?;
+        tell(format_args!("results in {}", args.out.display()))?;
     }
     if args.open {
         browser::show(&args.out.join("replay.html"));

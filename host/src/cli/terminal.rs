@@ -6,11 +6,12 @@
 //! warnings and errors.
 
 use std::fmt::Display;
-use std::io::{IsTerminal, Write};
+use std::io::{ErrorKind, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use super::Error;
 use crate::view::report::Report;
 
 /// Whether talk is unwanted. A program has one terminal.
@@ -25,16 +26,25 @@ fn quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
-/// Prints a line on standard output; a reader that went away is not an error.
-pub(super) fn say(text: impl Display) {
-    let _ = writeln!(std::io::stdout(), "{text}");
+/// Prints a line on standard output.
+///
+/// # Errors
+/// When nothing can be written there. A reader that went away is not an error.
+pub(super) fn say(text: impl Display) -> Result<(), Error> {
+    match writeln!(std::io::stdout(), "{text}") {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => {
+            Err(Error::Failure(format!("standard output: cannot write: {e}")))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Like [`say`], of what is also in a file or not asked for: not when talk is unwanted.
-pub(super) fn tell(text: impl Display) {
-    if !quiet() {
-        say(text);
-    }
+///
+/// # Errors
+/// As [`say`].
+pub(super) fn tell(text: impl Display) -> Result<(), Error> {
+    if quiet() { Ok(()) } else { say(text) }
 }
 
 /// Says on standard error what is going on.
@@ -95,8 +105,11 @@ impl Ink {
 }
 
 /// Tells a report as a table.
-pub(super) fn tell_report(report: &Report) {
-    tell(table(&report.to_string(), colours(&std::io::stdout())));
+///
+/// # Errors
+/// As [`say`].
+pub(super) fn tell_report(report: &Report) -> Result<(), Error> {
+    tell(table(&report.to_string(), colours(&std::io::stdout())))
 }
 
 /// A report's lines, with what names a figure fainter than the figure.
