@@ -27,7 +27,7 @@ use crate::shape::Geometry;
 use crate::sim::hand::Articulated;
 use crate::sim::{Bench, Hand, ObjectError, ObjectSpec, Options};
 use crate::slam::choose::Choice;
-use crate::slam::output::{Outcome, Provenance, check_folder, conclude};
+use crate::slam::output::{self, Outcome, Provenance, check_folder, conclude};
 use crate::slam::trackers::Kind;
 use crate::space::Bridge;
 
@@ -263,9 +263,10 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
 
     let mut outcome = finish(&bench, &settings, &episode)?;
     let view = stage.finish(&mut outcome);
-    outcome.write(&args.out, bench.log(), Some(bench.geometry())).map_err(Error::input)?;
-    let log = args.out.join("log.jsonl");
-    bench.write(&log).map_err(Error::input)?;
+    output::begin(&args.out).map_err(Error::failure)?;
+    bench.write(&args.out.join("log.jsonl")).map_err(Error::failure)?;
+    let truth = Some(bench.geometry());
+    outcome.write(&args.out, bench.log(), truth, &[]).map_err(Error::failure)?;
     let report = outcome.report.to_json().map_err(Error::failure)?;
     let report: Value = serde_json::from_str(&report).map_err(Error::failure)?;
     if args.json {

@@ -207,7 +207,7 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
     if let Some(watch) = watch {
         watch.finish(&outcome);
     }
-    input.write(&outcome, &args.out)?;
+    input.write(&outcome, &args.out, &[])?;
     if args.json {
         let report = outcome.report.to_json().map_err(Error::failure)?;
         let mut report: Value = serde_json::from_str(&report).map_err(Error::failure)?;

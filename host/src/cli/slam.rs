@@ -112,9 +112,10 @@ impl Input {
         Ok(Input { log, name, truth })
     }
 
-    /// Writes the results and says where a shape is missing.
-    pub fn write(&self, outcome: &Outcome, out: &Path) -> Result<(), Error> {
-        outcome.write(out, &self.log, self.truth.as_ref()).map_err(Error::input)?;
+    /// Writes the results, with the mesh in these formats too, and says where a shape is missing.
+    pub fn write(&self, outcome: &Outcome, out: &Path, meshes: &[Plain]) -> Result<(), Error> {
+        let truth = self.truth.as_ref();
+        outcome.write(out, &self.log, truth, meshes).map_err(Error::failure)?;
         if outcome.is_empty() {
             warn(format_args!(
                 "{}: no surface passes near a contact: the shape is empty",
@@ -186,10 +187,7 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
     let outcome = conclude(log, truth.as_ref(), steps, provenance)
         .map_err(|e| Error::Input(format!("{name}: {e}")))?;
     drop(progress);
-    for format in &args.mesh {
-        outcome.write_plain(&args.out, *format).map_err(Error::input)?;
-    }
-    input.write(&outcome, &args.out)?;
+    input.write(&outcome, &args.out, &args.mesh)?;
     if args.json {
         say(outcome.report.to_json().map_err(Error::failure)?.trim_end())?;
     } else {

@@ -20,9 +20,6 @@ use crate::view::report::{JudgedGrasp, Report, Run, gauge, pose_errors};
 use crate::view::summary::{self, Summary};
 use crate::view::{html, mcap, scene, trajectory};
 
-/// The file that says what came of a run.
-const REPORT: &str = "report.json";
-
 /// The true shape of a log cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum TruthError {
@@ -213,32 +210,50 @@ impl WriteError {
     }
 }
 
-/// Refuses a folder that [`Outcome::write`] could not fill, before anything long is begun.
+/// The names of everything that [`Outcome::write`] may leave.
+pub const RESULTS: [&str; 11] = [
+    "contour.csv",
+    "shape.ply",
+    "shape.stl",
+    "shape.obj",
+    "trajectory.tum",
+    "graph.g2o",
+    "replay.mcap",
+    "replay.html",
+    "summary.png",
+    "summary.svg",
+    REPORT,
+];
+
+/// Those of them that hold the shape.
+const SHAPES: [&str; 4] = ["contour.csv", "shape.ply", "shape.stl", "shape.obj"];
+
+/// Written last and removed first, so that a report means that everything is there.
+const REPORT: &str = "report.json";
+
+/// Refuses a folder that [`Outcome::write`] could not fill, before anything long is begun, and leaves it
+/// as it is.
 ///
 /// # Errors
-/// When a file is where the folder, one above it, or a folder where one of the results would be.
+/// When a file is where the folder, one above it, or a folder where one of the results would be; when
+/// nothing can be written there.
 pub fn check_folder(folder: &Path) -> Result<(), WriteError> {
     let refuse = |path: &Path, problem| {
         Err(WriteError::at(path)(io::Error::new(io::ErrorKind::InvalidInput, problem)))
     };
-    if let Some(above) = folder.ancestors().find(|p| p.exists())
-        && !above.is_dir()
-    {
-        return refuse(above, "expected a folder for the results, found a file");
+    // Of a path such as `out` the last ancestor has no name: it is the current folder.
+    let named = |path: &Path| if path == Path::new("") { PathBuf::from(".") } else { path.into() };
+    if let Some(above) = folder.ancestors().map(named).find(|p| p.exists()) {
+        if !above.is_dir() {
+            return refuse(&above, "expected a folder for the results, found a file");
+        }
+        // What can be made there can be made in a folder that is still to be made.
+        tempfile::Builder::new()
+            .prefix(".tactile-")
+            .tempfile_in(&above)
+            .map_err(WriteError::at(&above))?;
     }
-    for name in [
-        "contour.csv",
-        "shape.ply",
-        "shape.stl",
-        "shape.obj",
-        "trajectory.tum",
-        "graph.g2o",
-        "replay.mcap",
-        "replay.html",
-        "summary.png",
-        "summary.svg",
-        REPORT,
-    ] {
+    for name in RESULTS {
         let path = folder.join(name);
         if path.is_dir() {
             return refuse(&path, "expected a file or nothing, found a folder");
@@ -247,13 +262,19 @@ pub fn check_folder(folder: &Path) -> Result<(), WriteError> {
     Ok(())
 }
 
-/// Makes the folder, and takes out the report of the run before: it would stand beside files that
-/// are not its own if this run were broken off.
-fn begin(folder: &Path) -> Result<(), WriteError> {
+/// Makes the folder and removes the report of an earlier run from it: before anything else is written there.
+///
+/// # Errors
+/// Names what could not be made or removed.
+pub fn begin(folder: &Path) -> Result<(), WriteError> {
     std::fs::create_dir_all(folder).map_err(WriteError::at(folder))?;
-    let report = folder.join(REPORT);
-    match std::fs::remove_file(&report) {
-        Err(e) if e.kind() != io::ErrorKind::NotFound => Err(WriteError::at(&report)(e)),
+    remove(&folder.join(REPORT))
+}
+
+/// Removes a file, if it is there.
+fn remove(path: &Path) -> Result<(), WriteError> {
+    match std::fs::remove_file(path) {
+        Err(e) if e.kind() != io::ErrorKind::NotFound => Err(WriteError::at(path)(e)),
         _ => Ok(()),
     }
 }
@@ -274,30 +295,20 @@ impl Outcome {
         self.summary.figures.clone()
     }
 
-    /// Writes the mesh as `shape.stl` or `shape.obj` into `folder`, which is made if need be; an
-    /// outline has none.
-    ///
-    /// # Errors
-    /// Names the file that could not be written.
-    pub fn write_plain(&self, folder: &Path, format: Plain) -> Result<(), WriteError> {
-        let Geometry::Mesh(mesh) = &self.reconstruction.geometry else { return Ok(()) };
-        begin(folder)?;
-        let path = folder.join("shape").with_extension(format.ending());
-        Ok(files::write_plain(&path, mesh, format)?)
-    }
-
     /// Writes `report.json`, `contour.csv` or `shape.ply`, `trajectory.tum`, `graph.g2o`,
     /// `replay.mcap`, `replay.html`, `summary.png` and `summary.svg` into `folder`, which is made if need
-    /// be. Everything is computed before the first file appears, and each file appears whole: a report that is
-    /// there already goes first, the new one comes last. `log` and `truth` are those it was concluded from.
+    /// be, and a mesh in the `plain` formats too, as `shape.stl` or `shape.obj`. Everything is computed
+    /// before the first file appears, and each file appears whole. Shapes that an earlier run left under
+    /// other of these names are removed. `log` and `truth` are those it was concluded from.
     ///
     /// # Errors
-    /// Names the file that could not be written.
+    /// Names the file that could not be written; there is no report then.
     pub fn write(
         &self,
         folder: &Path,
         log: &GraspLog,
         truth: Option<&Geometry>,
+        plain: &[Plain],
     ) -> Result<(), WriteError> {
         let unpaintable =
             |e| WriteError::at(&folder.join("summary.png"))(io::Error::other::<PictureError>(e));
@@ -306,19 +317,7 @@ impl Outcome {
         let grown = replay::growth(log, self);
         let replay = replay::of_run(log, self, truth, &grown);
         begin(folder)?;
-
-        let shape = folder.join(match self.reconstruction.geometry {
-            Geometry::Outline(_) => "contour.csv",
-            Geometry::Mesh(_) => "shape.ply",
-        });
-        match &self.reconstruction.geometry {
-            Geometry::Outline(o) => {
-                files::write_contour(&shape, o, Some(&self.reconstruction.deviations))
-            }
-            Geometry::Mesh(m) => {
-                files::write_ply(&shape, m, None, Some(&self.reconstruction.deviations))
-            }
-        }?;
+        self.write_shape(folder, plain)?;
 
         let path = folder.join("trajectory.tum");
         let poses: Vec<_> = self.steps.iter().map(|s| s.pose).collect();
@@ -347,40 +346,31 @@ impl Outcome {
             crate::log::write::write_atomically(&path, |out| out.write_all(content))
                 .map_err(WriteError::at(&path))?;
         }
-        // Last, so that a report means that everything is there.
         let path = folder.join(REPORT);
         self.report.write(&path).map_err(WriteError::at(&path))
     }
-}
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::slam::track;
-
-    #[test]
-    fn no_report_stands_beside_the_files_of_a_run_that_was_broken_off() {
-        // A square, touched once in the middle of each side.
-        let text = r#"{"format":"tactile-grasp-log","version":1,"dimension":2}
-            {"grasp":0,"contacts":[{"point":[0.05,0],"normal":[1,0]},{"point":[0,0.05],"normal":[0,1]},{"point":[-0.05,0],"normal":[-1,0]},{"point":[0,-0.05],"normal":[0,-1]}],"truth":{"pose":{"translation":[0,0],"rotation":0}}}"#;
-        let log = GraspLog::parse(text.as_bytes(), Path::new("square")).unwrap();
-        let provenance = Provenance {
-            title: "a square",
-            tracker: "truth",
-            surface: Choice::Auto,
-            tracking_seconds: 0.0,
-            graph: None,
-            progress: &|_, _| (),
+    /// The shape, and no other beside it.
+    fn write_shape(&self, folder: &Path, plain: &[Plain]) -> Result<(), WriteError> {
+        let deviations = Some(&self.reconstruction.deviations[..]);
+        let mut written = Vec::new();
+        let mut place = |name: &str| {
+            written.push(folder.join(name));
+            folder.join(name)
         };
-        let outcome = conclude(&log, None, track::truth(&log).unwrap(), provenance).unwrap();
-        let folder = tempfile::tempdir().unwrap();
-        let report = folder.path().join("report.json");
-        outcome.write(folder.path(), &log, None).unwrap();
-        assert!(report.is_file());
-        // The next one fails halfway.
-        std::fs::remove_file(folder.path().join("trajectory.tum")).unwrap();
-        std::fs::create_dir(folder.path().join("trajectory.tum")).unwrap();
-        assert!(outcome.write(folder.path(), &log, None).is_err());
-        assert!(!report.exists() && folder.path().join("contour.csv").is_file());
+        match &self.reconstruction.geometry {
+            Geometry::Outline(outline) => {
+                files::write_contour(&place("contour.csv"), outline, deviations)?;
+            }
+            Geometry::Mesh(mesh) => {
+                files::write_ply(&place("shape.ply"), mesh, None, deviations)?;
+                for format in plain {
+                    let name = format!("shape.{}", format.ending());
+                    files::write_plain(&place(&name), mesh, *format)?;
+                }
+            }
+        }
+        let shapes = SHAPES.map(|name| folder.join(name));
+        shapes.iter().filter(|path| !written.contains(path)).try_for_each(|path| remove(path))
     }
 }

@@ -5,3 +5,4 @@ mod bad_input;
 mod binary;
 mod optimize;
 mod results;
+mod safe;

@@ -1,0 +1,70 @@
+//! Runs keep what they read, notice early where they cannot write, and say what became of the rest.
+
+use std::process::{Command, Stdio};
+
+use crate::binary::Place;
+
+#[test]
+fn results_of_another_object_do_not_stay_beside_new_ones() {
+    let place = Place::new();
+    place.tactile("simulate --object sphere:0.08 --grasps 2 -o ball.jsonl").done();
+    place.tactile("simulate --object hexagon:0.05 --grasps 2 -o hexagon.jsonl").done();
+    place.tactile("slam ball.jsonl --poses truth --mesh stl,obj --out o").done();
+    place.put("o/shape.txt", "mine");
+    place.tactile("slam ball.jsonl --poses truth --mesh obj --out o").done();
+    let there = |name: &str| place.at("o").join(name).exists();
+    assert!(there("shape.ply") && there("shape.obj") && !there("shape.stl"));
+    place.tactile("slam hexagon.jsonl --poses truth --out o").done();
+    assert!(there("contour.csv") && !there("shape.ply") && !there("shape.obj"));
+    place.tactile("slam ball.jsonl --poses truth --out o").done();
+    assert!(there("shape.ply") && !there("contour.csv") && there("shape.txt"));
+}
+
+/// A device that takes nothing.
+#[cfg(target_os = "linux")]
+#[test]
+fn what_is_not_written_is_said() {
+    let place = Place::new();
+    place.tactile("simulate --object hexagon:0.05 --grasps 2 -o a.jsonl").done();
+    let run = |line: &str, out: Stdio| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_tactile"));
+        command.args(line.split(' ')).current_dir(place.at(".")).stdout(out).output().unwrap()
+    };
+    let full = || Stdio::from(std::fs::File::options().write(true).open("/dev/full").unwrap());
+    for line in ["inspect a.jsonl", "inspect a.jsonl --json", "slam a.jsonl --poses truth --json"] {
+        let output = run(line, full());
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{line}: {error}");
+        assert!(error.contains("standard output: cannot write"), "{line}: {error}");
+    }
+    // A reader that has gone has what it wanted.
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    assert!(run("inspect a.jsonl", writer.into()).status.success());
+
+    // Without all results there is no report, not even the one of the run before.
+    assert!(place.at("out/report.json").exists());
+    std::fs::remove_file(place.at("out/summary.svg")).unwrap();
+    std::os::unix::fs::symlink("/dev/full", place.at("out/summary.svg")).unwrap();
+    let output = run("slam a.jsonl --poses truth", Stdio::null());
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{error}");
+    assert!(error.contains("out/summary.svg: cannot write"), "{error}");
+    assert!(!place.at("out/report.json").exists());
+}
+
+/// No folder takes files there, whoever asks.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_folder_that_takes_no_files_is_noticed_before_the_work() {
+    let place = Place::new();
+    for out in ["/proc", "/proc/none/of/these"] {
+        for line in [
+            "slam --bundled prism",
+            "explore --object sphere:0.08",
+            "live --port virtual --record r.tac",
+        ] {
+            place.tactile(&format!("{line} --out {out}")).refused(&["/proc: cannot write"]);
+        }
+    }
+}
