@@ -11,10 +11,10 @@ use tactile_core::space::{Planar, Spatial};
 use tactile_core::wire::WireSpace;
 
 use self::stage::Stage;
-use super::Error;
 use super::live::{self, Port};
 use super::terminal::{Progress, SPARK, say, sparkline, tell, tell_report};
 use super::view_address::{self, Address};
+use super::{Error, files};
 use crate::explore::adviser::MOST;
 use crate::explore::episode::{Action, Event};
 use crate::explore::{
@@ -212,6 +212,9 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         ));
     }
     check_folder(&args.out).map_err(Error::input)?;
+    if let Some(file) = files::of(&args.object) {
+        files::spare(file, &args.out)?;
+    }
     let still = Deviation { length: 0.0, angle: 0.0 };
     let options = Options {
         contact_noise: args.contact_noise,

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
 
-use super::Error;
 use super::terminal::tell;
+use super::{Error, files};
 use crate::log::GraspLog;
 use crate::log::import::push::{self, FORCE_NOISE, Motion, Normals};
 use crate::log::import::{Options, csv, off};
@@ -124,17 +124,20 @@ impl PointArgs {
 /// # Errors
 /// When the file cannot be read or is not what it should be, or the log cannot be written.
 pub fn run(args: &ImportArgs) -> Result<(), Error> {
-    let (log, output) = match &args.source {
-        Source::Push(args) => (pushes(args)?, &args.output),
+    let (file, output) = match &args.source {
+        Source::Push(PushArgs { file, output, .. }) => (file, output),
+        Source::Csv(CsvArgs { points }) | Source::Off(OffArgs { points }) => {
+            (&points.file, &points.output)
+        }
+    };
+    files::apart(file, output, "--output")?;
+    let log = match &args.source {
+        Source::Push(args) => pushes(args)?,
         Source::Csv(CsvArgs { points }) => {
-            let log =
-                csv::import(&points.file, &points.options("contacts")).map_err(Error::input)?;
-            (log, &points.output)
+            csv::import(file, &points.options("contacts")).map_err(Error::input)?
         }
         Source::Off(OffArgs { points }) => {
-            let log = off::import(&points.file, &points.options("contact points"))
-                .map_err(Error::input)?;
-            (log, &points.output)
+            off::import(file, &points.options("contact points")).map_err(Error::input)?
         }
     };
     log.write(output).map_err(Error::input)?;

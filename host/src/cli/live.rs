@@ -12,11 +12,11 @@ use tactile_core::wire::{Hello, WireSpace};
 
 use self::record::Target;
 use self::watch::Watch;
-use super::Error;
 use super::bundled::Bundled;
 use super::slam::Input;
 use super::terminal::{Progress, note, say, tell, tell_report};
 use super::view_address::Address;
+use super::{Error, files};
 use crate::graph::{self, joint};
 use crate::link::firmware::{self, Machine};
 use crate::link::lesson::Lesson;
@@ -164,6 +164,9 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
         return Err(Error::Input(format!(
             "--graph: expected --tracker hypotheses; a board cannot teach {name} another's belief"
         )));
+    }
+    if let (Some(log), Some(record)) = (&args.log, &args.record) {
+        files::apart(log, record, "--record")?;
     }
     let input = Input::open(args.log.as_deref(), args.bundled, &args.out)?;
     let Input { log, name, truth } = &input;

@@ -5,6 +5,7 @@
 mod browser;
 pub mod bundled;
 pub mod explore;
+mod files;
 pub mod import;
 pub mod inspect;
 pub mod live;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::terminal::{Progress, tell, warn};
-use super::{Error, browser};
+use super::{Error, browser, files};
 use crate::log::GraspLog;
 use crate::log::recording::Recording;
 use crate::log::replayed::Replayed;
@@ -60,6 +60,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
             "--open: expected --to html, a browser shows nothing else".into(),
         ));
     }
+    files::apart(&args.file, &args.output, "--output")?;
     let grasps = match args.to {
         // Says itself what is missing, and reads long recordings as they come.
         Format::Html => page(args),

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::Error;
 use super::terminal::tell;
+use super::{Error, files};
 use crate::log::words::Kind;
 use crate::quantity::{self, Deviation};
 use crate::shape::Geometry;
@@ -68,6 +68,9 @@ fn object(text: &str) -> Result<ObjectSpec, String> {
 /// When an option is out of range, the object does not exist or is never reached, or the log
 /// cannot be written.
 pub fn run(args: &SimulateArgs) -> Result<(), Error> {
+    if let Some(file) = files::of(&args.object) {
+        files::apart(file, &args.output, "--output")?;
+    }
     let options = Options {
         object: args.object.clone(),
         grasps: args.grasps,

@@ -7,9 +7,9 @@ use clap::{Args, ValueEnum};
 
 use crate::cli::bundled::Bundled;
 use crate::cli::terminal::{Progress, say, tell, tell_report, warn};
-use crate::cli::{Error, browser};
+use crate::cli::{Error, browser, files};
 use crate::graph;
-use crate::log::GraspLog;
+use crate::log::{GraspLog, TrueShape};
 use crate::shape::Geometry;
 use crate::shape::files::Plain;
 use crate::slam::choose::Choice;
@@ -99,6 +99,10 @@ impl Input {
             }
             Some(path) => {
                 let log = GraspLog::read(path).map_err(Error::input)?;
+                files::spare(path, out)?;
+                if let Some(TrueShape::Mesh { file, .. }) = &log.shape {
+                    files::spare(file, out)?;
+                }
                 let name = path.display().to_string();
                 let truth = true_shape(&log).unwrap_or_else(|error| {
                     warn(format_args!("{name}: {error}; errors against the truth are left out"));

@@ -60,6 +60,12 @@ pub fn write_atomically(
     Ok(())
 }
 
+/// Whether both paths name the same regular file, which is there.
+pub fn is_same_file(a: &Path, b: &Path) -> bool {
+    let real = |path: &Path| std::fs::canonicalize(path).ok().filter(|p| p.is_file());
+    real(a).is_some_and(|a| real(b).is_some_and(|b| a == b))
+}
+
 impl GraspLog {
     /// Writes the log to `path`, fully or not at all. A true mesh that the new place would no
     /// longer find is named by its full path.

@@ -20,6 +20,34 @@ fn results_of_another_object_do_not_stay_beside_new_ones() {
     assert!(there("shape.ply") && !there("contour.csv") && there("shape.txt"));
 }
 
+#[test]
+fn what_is_read_is_not_written_over() {
+    let place = Place::new();
+    place.tactile("simulate --object hexagon:0.05 --grasps 2 -o a.jsonl").done();
+    place.put("a.csv", "x,y\n0.1,0\n0,0.1\n-0.1,0\n");
+    place.put("a.off", "OFF\n1 0 0\n1 2 3\n");
+    std::fs::create_dir(place.at("o")).unwrap();
+    place.tactile("simulate --object sphere:0.08 --grasps 2 -o o/shape.jsonl").done();
+    place.tactile("live --port virtual --log a.jsonl --record a.tac --out live").done();
+    let files = ["a.jsonl", "a.csv", "a.off", "a.tac", "o/shape.ply"];
+    let contents = || files.map(|name| std::fs::read(place.at(name)).unwrap());
+    let before = contents();
+    for (line, file) in [
+        ("replay a.tac -o a.tac", "a.tac"),
+        ("replay a.jsonl --to html -o ./a.jsonl", "a.jsonl"),
+        ("replay a.jsonl --to mcap -o o/../a.jsonl", "a.jsonl"),
+        ("import csv a.csv -o a.csv", "a.csv"),
+        ("import off a.off -o a.off", "a.off"),
+        ("simulate --object polygon:a.csv -o a.csv", "a.csv"),
+        ("live --port virtual --log a.jsonl --record a.jsonl --out live", "a.jsonl"),
+        ("slam o/shape.jsonl --out o", "o/shape.ply"),
+        ("explore --object o/shape.ply --out o", "o/shape.ply"),
+    ] {
+        place.tactile(line).refused(&[file, "is read and would be replaced"]);
+    }
+    assert_eq!(contents(), before);
+}
+
 /// A device that takes nothing.
 #[cfg(target_os = "linux")]
 #[test]

@@ -1,0 +1,33 @@
+//! What a command reads it does not write over.
+
+use std::path::Path;
+
+use super::Error;
+use crate::log::write::is_same_file;
+use crate::sim::ObjectSpec;
+use crate::slam::output::RESULTS;
+
+/// Refuses an output that is the file it is made from.
+pub(super) fn apart(input: &Path, output: &Path, option: &str) -> Result<(), Error> {
+    if is_same_file(input, output) {
+        let name = output.display();
+        return Err(Error::Input(format!(
+            "{option}: {name} is read and would be replaced; expected another place"
+        )));
+    }
+    Ok(())
+}
+
+/// Refuses a folder of results one of which would replace `input`.
+pub(super) fn spare(input: &Path, folder: &Path) -> Result<(), Error> {
+    RESULTS.iter().try_for_each(|name| apart(input, &folder.join(name), "--out"))
+}
+
+/// The file that an object is from.
+pub(super) fn of(object: &ObjectSpec) -> Option<&Path> {
+    match object {
+        ObjectSpec::Mesh(file) | ObjectSpec::Polygon(file) => Some(file),
+        ObjectSpec::Prism { base, .. } | ObjectSpec::Pyramid { base, .. } => of(base),
+        _ => None,
+    }
+}
