@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::read::unmarked;
 use super::{GraspLog, LogError, LoggedGrasp, MAX_CONTACTS, Noise};
 use crate::quantity::Deviation;
 use crate::space::Pose;
@@ -81,7 +82,7 @@ fn text(path: &Path) -> Result<String, LogError> {
         action: "read",
         source,
     })?;
-    String::from_utf8(bytes).map_err(|e| {
+    String::from_utf8(unmarked(&bytes).to_vec()).map_err(|e| {
         let before = &e.as_bytes()[..e.utf8_error().valid_up_to()];
         let line = 1 + before.iter().filter(|b| **b == b'\n').count();
         LogError::Line { file: path.into(), line, problem: "is not UTF-8 text".into() }

@@ -143,7 +143,8 @@ impl GraspLog {
                 break;
             }
             let line = Line { file: name, number };
-            match (line.object(&bytes), &mut log) {
+            let text = if number == 1 { unmarked(&bytes) } else { &bytes };
+            match (line.object(text), &mut log) {
                 (Ok(None), _) => {}
                 (Ok(Some(object)), None) => log = Some(header(line, object)?),
                 (Ok(Some(object)), Some(log)) => match grasp(line, object, log) {
@@ -159,6 +160,11 @@ impl GraspLog {
             problem: "is empty; expected a header line and one line per grasp".into(),
         })
     }
+}
+
+/// A text without the mark of its encoding, which some programs put before it.
+pub(crate) fn unmarked(text: &[u8]) -> &[u8] {
+    text.strip_prefix("\u{feff}".as_bytes()).unwrap_or(text)
 }
 
 fn header(line: Line<'_>, mut fields: Fields<'_>) -> Result<GraspLog, LogError> {

@@ -16,6 +16,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::{Mesh, Outline, ShapeError};
+use crate::log::read::unmarked;
 use crate::log::write::write_atomically;
 use crate::space::Point;
 
@@ -329,7 +330,7 @@ fn content(path: &Path, wrong: Wrong) -> FileError {
 
 /// Names and comments may be in any encoding: keywords and numbers are the same in most.
 fn text(bytes: &[u8]) -> Cow<'_, str> {
-    String::from_utf8_lossy(bytes)
+    String::from_utf8_lossy(unmarked(bytes))
 }
 
 fn coordinate(place: Place, word: &str) -> Result<f64, Wrong> {

@@ -2,6 +2,8 @@
 
 use std::process::{Command, Stdio};
 
+use tactile_host::log::GraspLog;
+
 use crate::binary::Place;
 
 #[test]
@@ -95,4 +97,35 @@ fn a_folder_that_takes_no_files_is_noticed_before_the_work() {
             place.tactile(&format!("{line} --out {out}")).refused(&["/proc: cannot write"]);
         }
     }
+}
+
+#[test]
+fn a_mark_of_the_encoding_is_no_content() {
+    let place = Place::new();
+    let marked = |text: &str| format!("\u{feff}{text}");
+    place.tactile("simulate --object box:0.1x0.06x0.06 --grasps 2 -o a.jsonl").done();
+    let log = std::fs::read_to_string(place.at("a.jsonl")).unwrap();
+    place.put("b.jsonl", marked(&log));
+    assert_eq!(
+        GraspLog::read(&place.at("a.jsonl")).unwrap(),
+        GraspLog::read(&place.at("b.jsonl")).unwrap()
+    );
+
+    let edge = |from: u32, to: u32| format!("EDGE_SE2 {from} {to} 1 0 0 1 0 0 1 0 1\n");
+    place.put("g.g2o", marked(&(edge(0, 1) + &edge(1, 2))));
+    let run = place.tactile("optimize g.g2o --json").done();
+    assert_eq!((&run.json()["edges"], run.err.as_str()), (&2.into(), ""));
+
+    place.put("points.off", marked("OFF\n1 0 0\n1 2 3\n"));
+    place.tactile("import off points.off -o points.jsonl").done();
+    let mut solid = String::from("OFF\n4 4 6\n0 0 0\n0.1 0 0\n0 0.1 0\n0 0 0.1\n");
+    solid += "3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+    place.put("solid.off", marked(&solid));
+    place.tactile("simulate --object solid.off --touch uniform -o solid.jsonl").done();
+
+    let mut push = String::from("1\n");
+    write!(push, "1 2 3").unwrap();
+    place.put("p.txt", marked(&push));
+    // The count is read; what lacks is the push.
+    place.tactile("import push p.txt -o p.jsonl").refused(&["push 0 of 1"]);
 }

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::io::{Error, ErrorKind, Result as IoResult, Write};
 
 use super::{Place, Soup, Wrong, point, text};
+use crate::log::read::unmarked;
 use crate::shape::Mesh;
 use crate::space::Point;
 
@@ -17,7 +18,10 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Soup, Wrong> {
     let count =
         bytes.get(80..HEADER).map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]]) as usize);
     let expected = count.and_then(|n| n.checked_mul(TRIANGLE)?.checked_add(HEADER));
-    let solid = bytes.trim_ascii_start().get(..5).is_some_and(|w| w.eq_ignore_ascii_case(b"solid"));
+    let solid = unmarked(bytes)
+        .trim_ascii_start()
+        .get(..5)
+        .is_some_and(|w| w.eq_ignore_ascii_case(b"solid"));
     if solid && !bytes.contains(&0) {
         return ascii(&text(bytes));
     }

@@ -9,6 +9,7 @@ use nalgebra::SMatrix;
 use super::entry::{Entry, LONGEST, Repair};
 use super::{G2o, G2oError, Graph, Skipped, Wrong, number};
 use crate::graph::pose::{Edge, Group, PoseGraph, Se2, Se3};
+use crate::log::read::unmarked;
 
 /// No line of a pose graph is nearly as long, in bytes: what is longer is another kind of file.
 const LONGEST_LINE: u64 = 1 << 16;
@@ -191,6 +192,7 @@ impl<G, const D: usize> Default for Parts<G, D> {
 
 impl Content {
     fn line(&mut self, line: usize, text: &[u8]) -> Result<(), Wrong> {
+        let text = if line == 1 { unmarked(text) } else { text };
         let mut words = Words { rest: text, line };
         let Some(kind) = words.next() else { return Ok(()) };
         let known = self.planar.line(kind, &mut words)? || self.spatial.line(kind, &mut words)?;
