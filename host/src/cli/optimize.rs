@@ -120,7 +120,11 @@ pub fn run(args: &OptimizeArgs) -> Result<(), Error> {
         warn(format_args!("{name}: {remark}"));
     }
     if let Some(out) = &args.out {
-        g2o::write(out, &file.graph).map_err(Error::input)?;
+        g2o::write(out, &file.graph, &file.unknown).map_err(Error::input)?;
+        if !file.unknown.is_empty() {
+            let out = out.display();
+            warn(format_args!("{out}: has the lines that are not understood as they were"));
+        }
     }
     let told = Told { file: &file, diagnosis: &diagnosis, solved: &solved, reading };
     if args.json {

@@ -66,8 +66,9 @@ fn a_drifted_ring_is_closed() {
         );
 
         let text = std::fs::read_to_string(place.at("closed.g2o")).unwrap();
-        // Ids, order, what stays and the edges are as they were.
-        let kinds: Vec<&str> = text.lines().map(|l| l.split(' ').next().unwrap()).collect();
+        // Ids, order, what stays, the edges and what is not understood are as they were.
+        assert_eq!(text.lines().next(), Some("PARAMS_SE2OFFSET 0 0 0 0"));
+        let kinds: Vec<&str> = text.lines().skip(1).map(|l| l.split(' ').next().unwrap()).collect();
         assert_eq!(
             [kinds[0], kinds[19], kinds[20], kinds[21], kinds[40]],
             ["VERTEX_SE2", "VERTEX_SE2", "FIX", "EDGE_SE2", "EDGE_SE2"]
@@ -87,6 +88,19 @@ fn a_drifted_ring_is_closed() {
     ] {
         assert!(again.out.contains(words), "{}", again.out);
     }
+}
+
+#[test]
+fn what_is_not_understood_stays_in_the_graph() {
+    let place = Place::new();
+    let landmark = "VERTEX_XY 7 1.50 2\n EDGE_SE2_XY 0 7 1 2 1 0 1\n";
+    place.put("ring.g2o", ring(2, landmark));
+    let run = place.tactile("optimize ring.g2o -o out.g2o").done();
+    run.says(&["VERTEX_XY are not understood", "out.g2o: has the lines", "as they were"]);
+    let text = std::fs::read_to_string(place.at("out.g2o")).unwrap();
+    let at = |line: &str| text.lines().position(|l| l == line).unwrap_or_else(|| panic!("{text}"));
+    assert!(at("VERTEX_XY 7 1.50 2") < at("FIX 0"), "{text}");
+    assert!(at(" EDGE_SE2_XY 0 7 1 2 1 0 1") > at("FIX 0"), "{text}");
 }
 
 #[test]

@@ -12,8 +12,8 @@
 //!
 //! The upper triangle of the information Ω goes by rows: x, y, angle in the plane; x, y, z, qx, qy, qz
 //! in space, so that Ω weighs the vector of the error's quaternion, half the angle. `#` starts a comment.
-//! Lines of other kinds are skipped, counted and reported; everything else that is not as above is an
-//! error that names line and field.
+//! Lines of other kinds are skipped, counted, reported and written again as they are; everything else that
+//! is not as above is an error that names line and field.
 //!
 //! ```
 //! use tactile_host::graph::pose::g2o;
@@ -58,6 +58,8 @@ pub struct G2o {
     pub edge_lines: Vec<usize>,
     /// Lines that were skipped, by kind, in the order they appear first.
     pub skipped: Vec<Skipped>,
+    /// Those lines as they are, for [`write()`].
+    pub unknown: Vec<String>,
     /// Quaternions whose length was more than 1 % off 1 and was corrected.
     pub normalised: usize,
     /// Angles beyond a full turn, which are wrapped: a hint that the file has degrees.

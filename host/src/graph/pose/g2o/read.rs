@@ -22,7 +22,7 @@ const FARTHEST: f64 = 1e12;
 const WIDEST: f64 = 1e6;
 const HEAVIEST: f64 = 1e100;
 
-/// Reads a file; nothing of it is held but the graph.
+/// Reads a file; nothing of it is held but the graph and the lines that are not understood.
 ///
 /// # Errors
 /// When it cannot be read or is no pose graph; see [`parse`].
@@ -159,6 +159,7 @@ struct Content {
     /// Ids and lines of the poses that stay.
     fixed: Vec<(u64, usize)>,
     skipped: Vec<Skipped>,
+    unknown: Vec<String>,
 }
 
 /// The lines of one dimension; those of poses and edges count from 1.
@@ -211,6 +212,7 @@ impl Content {
             return Ok(());
         }
         self.skip(line, kind);
+        self.unknown.push(String::from_utf8_lossy(text.trim_ascii_end()).into_owned());
         Ok(())
     }
 
@@ -231,7 +233,7 @@ impl Content {
     }
 
     fn finish(self) -> Result<G2o, Wrong> {
-        let Content { planar, spatial, fixed, skipped } = self;
+        let Content { planar, spatial, fixed, skipped, unknown } = self;
         if planar.is_empty() && spatial.is_empty() {
             let found = match skipped.first() {
                 Some(first) => format!("none, but {} in line {}", first.kind, first.line),
@@ -240,11 +242,12 @@ impl Content {
             let expected = "lines VERTEX_SE2, EDGE_SE2, VERTEX_SE3:QUAT or EDGE_SE3:QUAT";
             return Err(Wrong::whole(expected, found));
         }
-        if spatial.is_empty() {
-            planar.finish(&fixed, skipped, Graph::Planar)
+        let file = if spatial.is_empty() {
+            planar.finish(&fixed, Graph::Planar)
         } else {
-            spatial.finish(&fixed, skipped, Graph::Spatial)
-        }
+            spatial.finish(&fixed, Graph::Spatial)
+        }?;
+        Ok(G2o { skipped, unknown, ..file })
     }
 }
 
@@ -288,7 +291,6 @@ impl<G: Entry<D>, const D: usize> Parts<G, D> {
     fn finish(
         mut self,
         fixed: &[(u64, usize)],
-        skipped: Vec<Skipped>,
         graph: impl FnOnce(PoseGraph<G, D>) -> Graph,
     ) -> Result<G2o, Wrong> {
         let has_poses = !self.ids.is_empty();
@@ -325,7 +327,8 @@ impl<G: Entry<D>, const D: usize> Parts<G, D> {
         drop(indices);
         let Parts { ids, poses, edges, edge_lines, normalised, wide_angles, .. } = self;
         let graph = graph(PoseGraph { ids, poses, edges, fixed: kept });
-        Ok(G2o { graph, has_poses, edge_lines, skipped, normalised, wide_angles })
+        let (skipped, unknown) = Default::default();
+        Ok(G2o { graph, has_poses, edge_lines, skipped, unknown, normalised, wide_angles })
     }
 }
 

@@ -189,11 +189,11 @@ fn files_that_cannot_be_opened_or_written_are_named() {
     assert!(error.contains("a.g2o: cannot read: "), "{error}");
     assert!(read(folder.path()).is_err());
     let graph = Graph::Planar(planar(TWO));
-    let error = write(&missing, &graph).unwrap_err().to_string();
+    let error = write(&missing, &graph, &[]).unwrap_err().to_string();
     assert!(error.contains("a.g2o: cannot write: "), "{error}");
     let broken = Graph::Planar(PoseGraph { fixed: vec![2], ..planar(TWO) });
     let path = folder.path().join("b.g2o");
-    assert!(write(&path, &broken).is_err());
+    assert!(write(&path, &broken, &[]).is_err());
     assert!(!path.exists());
 }
 

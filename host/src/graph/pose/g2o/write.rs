@@ -9,19 +9,23 @@ use crate::graph::pose::PoseGraph;
 use crate::log::write::write_atomically;
 
 /// Writes a graph, fully or not at all: poses in their order, those that stay, edges in their order.
-/// What [`super::read`] makes of it is the same graph, to the last bit.
+/// What [`super::read`] makes of it is the same graph, to the last bit. `unknown` lines of edges follow, others
+/// come first: parameters are before what refers to them.
 ///
 /// # Errors
 /// When the file cannot be written, or (`InvalidInput`) the graph's indices name no pose.
-pub fn write(path: &Path, graph: &Graph) -> Result<(), G2oError> {
-    write_atomically(path, |out| write_to(out, graph)).map_err(|source| G2oError::Io {
-        file: path.into(),
-        action: "write",
-        source,
+pub fn write(path: &Path, graph: &Graph, unknown: &[String]) -> Result<(), G2oError> {
+    let (last, first): (Vec<_>, Vec<_>) =
+        unknown.iter().partition(|l| l.trim_start().starts_with("EDGE"));
+    write_atomically(path, |out| {
+        first.iter().try_for_each(|line| writeln!(out, "{line}"))?;
+        write_to(out, graph)?;
+        last.iter().try_for_each(|line| writeln!(out, "{line}"))
     })
+    .map_err(|source| G2oError::Io { file: path.into(), action: "write", source })
 }
 
-/// As [`write()`], to anything that can be written to.
+/// As [`write()`] of a graph alone, to anything that can be written to.
 ///
 /// # Errors
 /// When the writer fails, or (`InvalidInput`) the graph's indices name no pose.
