@@ -58,16 +58,16 @@ pub struct ExploreArgs {
     /// What a touch is worth
     #[arg(long, value_enum, default_value_t = Criterion::Information)]
     criterion: Criterion,
-    /// Order of the Rényi entropy of --criterion renyi, above 0; 1 is Shannon's
-    #[arg(long, value_name = "ALPHA", default_value_t = 2.0, value_parser = order)]
-    alpha: f64,
+    /// Order of the Rényi entropy of --criterion renyi, above 0; 1 is Shannon's [default: 2]
+    #[arg(long, value_name = "ALPHA", value_parser = order, allow_negative_numbers = true)]
+    alpha: Option<f64>,
     /// Among which grasps it chooses: the same ten every time, new ones, or those that face a contact area
     #[arg(long, value_enum, default_value_t = Kinds::Continuous)]
     candidates: Kinds,
-    /// How many new ones at every choice
-    #[arg(long, value_name = "N", default_value_t = 120,
+    /// Of --candidates continuous: how many new ones at every choice [default: 120]
+    #[arg(long, value_name = "N",
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=10_000))]
-    count: usize,
+    count: Option<usize>,
     /// Of --candidates clusters: which contact area comes next [default: near]
     #[arg(long, value_enum)]
     area: Option<NextArea>,
@@ -102,8 +102,8 @@ pub struct ExploreArgs {
     graph: graph::Kind,
     /// Let a board choose, by what it makes of the grasps itself: qemu, virtual or tcp:HOST:PORT as in
     /// live. It chooses among at most 16 candidates (--candidates fixed, or --count 16), by information
-    /// or variance-sum
-    #[arg(long, value_name = "PORT")]
+    /// or variance-sum, one grasp at a time
+    #[arg(long, value_name = "PORT", conflicts_with_all = ["batch", "lookahead", "cost"])]
     board: Option<Port>,
     /// What the board runs: hypotheses or bootstrap
     #[arg(long, value_enum, default_value_t = Kind::Hypotheses, requires = "board")]
@@ -201,16 +201,41 @@ fn until(text: &str) -> Result<Until, String> {
     text.parse()
 }
 
+/// Refuses options that others make meaningless.
+fn check(args: &ExploreArgs) -> Result<(), Error> {
+    let idle = |is_given: bool, kind: Kinds| is_given && args.candidates != kind;
+    for (is_idle, option, other) in [
+        (idle(args.area.is_some(), Kinds::Clusters), "--area", "--candidates clusters"),
+        (idle(args.count.is_some(), Kinds::Continuous), "--count", "--candidates continuous"),
+        (
+            args.alpha.is_some() && args.criterion != Criterion::Renyi,
+            "--alpha",
+            "--criterion renyi",
+        ),
+    ] {
+        if is_idle {
+            return Err(Error::Input(format!("{option} has a meaning only with {other}")));
+        }
+    }
+    Ok(())
+}
+
+impl ExploreArgs {
+    fn count(&self) -> usize {
+        self.count.unwrap_or(120)
+    }
+
+    fn alpha(&self) -> f64 {
+        self.alpha.unwrap_or(2.0)
+    }
+}
+
 /// Explores, writes the results and says what came of it.
 ///
 /// # Errors
 /// An object that does not exist or is never met, before anything is written; unwritable results.
 pub fn run(args: &ExploreArgs) -> Result<(), Error> {
-    if args.area.is_some() && args.candidates != Kinds::Clusters {
-        return Err(Error::input(
-            "--area: only --candidates clusters divides the surface into areas",
-        ));
-    }
+    check(args)?;
     check_folder(&args.out).map_err(Error::input)?;
     if let Some(file) = files::of(&args.object) {
         files::spare(file, &args.out)?;
@@ -228,14 +253,14 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         criterion: args.criterion,
         candidates: match args.candidates {
             Kinds::Fixed => Candidates::Fixed,
-            Kinds::Continuous => Candidates::Continuous(args.count),
+            Kinds::Continuous => Candidates::Continuous(args.count()),
             Kinds::Clusters => Candidates::Clusters(args.area.unwrap_or_default()),
         },
         planning: Planning {
             batch: args.batch,
             lookahead: args.lookahead,
             cost: args.cost,
-            alpha: args.alpha,
+            alpha: args.alpha(),
         },
         tracker: args.moving.then_some(args.tracker),
         graph: args.graph,
@@ -335,10 +360,10 @@ fn adviser<S: Bridge + WireSpace>(
             )));
         }
     };
-    if args.candidates == Kinds::Continuous && args.count > MOST {
+    if args.candidates == Kinds::Continuous && args.count() > MOST {
         return Err(Error::Input(format!(
             "--board: expected --candidates fixed or --count up to {MOST}, found {}",
-            args.count
+            args.count()
         )));
     }
     if !matches!(args.board_tracker, Kind::Hypotheses | Kind::Bootstrap) {
@@ -380,9 +405,9 @@ fn options(args: &ExploreArgs) -> Value {
         "hand": args.hand.to_string(),
         "table": args.table,
         "criterion": name(args.criterion),
-        "alpha": (args.criterion == Criterion::Renyi).then_some(args.alpha),
+        "alpha": (args.criterion == Criterion::Renyi).then_some(args.alpha()),
         "candidates": name(args.candidates),
-        "count": of(Kinds::Continuous).then_some(args.count),
+        "count": of(Kinds::Continuous).then_some(args.count()),
         "area": of(Kinds::Clusters).then(|| name(args.area.unwrap_or_default())),
         "batch": args.batch,
         "lookahead": args.lookahead,

@@ -31,9 +31,9 @@ pub struct SlamArgs {
     /// Which of the bundled recordings
     #[arg(long, value_enum, value_name = "NAME", default_value_t, conflicts_with = "log")]
     bundled: Bundled,
-    /// How poses are estimated
-    #[arg(long, value_enum, default_value_t = Kind::Automatic)]
-    tracker: Kind,
+    /// How poses are estimated [default: auto]
+    #[arg(long, value_enum)]
+    tracker: Option<Kind>,
     /// Correction of all poses together, after the tracker [default: planes, for --poses truth none]
     #[arg(long, value_enum)]
     graph: Option<graph::Kind>,
@@ -43,9 +43,9 @@ pub struct SlamArgs {
     /// Where poses come from: the tracker, or the log's truth (an experiment)
     #[arg(long, value_enum, default_value_t = Poses::Estimated)]
     poses: Poses,
-    /// Seed of the tracker's random numbers
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
+    /// Seed of the tracker's random numbers [default: 0]
+    #[arg(long)]
+    seed: Option<u64>,
     /// Folder for the results
     #[arg(long, default_value = "out")]
     out: PathBuf,
@@ -140,6 +140,15 @@ impl Input {
 /// # Errors
 /// Bad input before anything is written; unwritable results.
 pub fn run(args: &SlamArgs) -> Result<(), Error> {
+    for (is_given, option) in
+        [(args.tracker.is_some(), "--tracker"), (args.seed.is_some(), "--seed")]
+    {
+        if is_given && args.poses == Poses::Truth {
+            return Err(Error::Input(format!(
+                "{option} has a meaning only with --poses estimated"
+            )));
+        }
+    }
     let input = Input::open(args.log.as_deref(), args.bundled, &args.out)?;
     let Input { log, name, truth } = &input;
     if log.dimension == 2 && !args.mesh.is_empty() {
@@ -155,7 +164,8 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
         Poses::Estimated => {
             let progress = Progress::new("poses", "grasps");
             let told = |done, all| progress.at(done, all);
-            (args.tracker.follow_told(log, args.seed, &told), args.tracker.name())
+            let tracker = args.tracker.unwrap_or(Kind::Automatic);
+            (tracker.follow_told(log, args.seed.unwrap_or(0), &told), tracker.name())
         }
     };
     let tracking_seconds = start.elapsed().as_secs_f64();

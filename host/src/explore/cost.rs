@@ -63,6 +63,7 @@ impl FromStr for Cost {
     /// as in [`Cost::default`].
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let mut cost = Cost::default();
+        let mut named = Vec::new();
         for part in text.split(',') {
             let wrong = || {
                 format!(
@@ -75,7 +76,12 @@ impl FromStr for Cost {
             if !(value.is_finite() && value >= 0.0) {
                 return Err(format!("{name}: expected a number of seconds, found {value}"));
             }
-            match name.trim() {
+            let name = name.trim();
+            if named.contains(&name) {
+                return Err(format!("{name}: expected once, found twice"));
+            }
+            named.push(name);
+            match name {
                 "action" if value > 0.0 => cost.action = value,
                 "action" => return Err("action: a grasp takes some time".into()),
                 "travel" => cost.travel = value,
@@ -131,6 +137,7 @@ mod tests {
             ("turn=-1", "turn"),
             ("miss=inf", "miss"),
             ("action=0", "takes some time"),
+            ("action=5,turn=1, action=600", "action: expected once"),
         ] {
             let error = text.parse::<Cost>().unwrap_err();
             assert!(error.contains(says), "{text}: {error}");

@@ -58,7 +58,14 @@ fn explorations_that_cannot_be_are_refused() {
         ("--object ellipse:0.1x0.06 --cost trave=1", &["--cost", "travel=", "\"trave=1\""]),
         ("--object ellipse:0.1x0.06 --batch 0", &["--batch", "1..=20"]),
         ("--object ellipse:0.1x0.06 --alpha 0", &["--alpha", "above 0"]),
+        ("--object ellipse:0.1x0.06 --alpha -1", &["--alpha", "above 0", "-1"]),
+        ("--object ellipse:0.1x0.06 --cost action=5,action=600", &["--cost", "action", "once"]),
         ("--object ellipse:0.1x0.06 --area near", &["--area", "--candidates clusters"]),
+        ("--object ellipse:0.1x0.06 --alpha 3", &["--alpha", "--criterion renyi"]),
+        ("--object ellipse:0.1x0.06 --candidates fixed --count 5", &["--count", "continuous"]),
+        ("--object ellipse:0.1x0.06 --board virtual --lookahead", &["--board", "--lookahead"]),
+        ("--object ellipse:0.1x0.06 --board virtual --cost turn=1", &["--board", "--cost"]),
+        ("--object ellipse:0.1x0.06 --board virtual --batch 2", &["--board", "--batch"]),
     ] {
         place.tactile(&format!("explore {options} --out out")).refused(words);
     }
@@ -255,6 +262,10 @@ fn a_refused_run_keeps_the_results_of_the_one_before() {
     place.put("bad.jsonl", below("garbage"));
     place.tactile("slam bad.jsonl --out r").refused(&["bad.jsonl, line 2"]);
     place.tactile("slam good.jsonl --poses truth --out r").refused(&["truth.pose is missing"]);
+    for option in ["--tracker curved", "--seed 5"] {
+        let line = format!("slam good.jsonl --poses truth {option} --out r");
+        place.tactile(&line).refused(&["only with --poses estimated"]);
+    }
     assert_eq!(report(), before);
     place.tactile("import csv bad.jsonl -o good.jsonl").refused(&["bad.jsonl, line 1"]);
     assert_eq!(std::fs::read_to_string(place.at("good.jsonl")).unwrap(), good());
