@@ -6,8 +6,8 @@ use std::time::Instant;
 use clap::Args;
 use serde_json::{Value, json};
 
-use crate::cli::Error;
-use crate::cli::terminal::say;
+use crate::cli::terminal::{say, warn};
+use crate::cli::{Error, units};
 use crate::localize::contacts::{ContactsError, Fixed, read};
 use crate::localize::{Freedom, Localization, LocalizeError, Mode, Settings, localize};
 use crate::quantity::{self, Deviation};
@@ -81,6 +81,12 @@ pub fn run(args: &LocalizeArgs) -> Result<(), Error> {
     let Some(best) = found.modes.first() else {
         return Err(Error::Failure(format!("{file}: no pose was found")));
     };
+    let deviations: f64 = contacts.iter().map(|c| c.point_deviation).sum();
+    let deviation = deviations / contacts.len() as f64;
+    let (low, high) = model.bounds();
+    if let Some(doubt) = units::doubt((high - low).norm(), best.mean, deviation) {
+        warn(format_args!("{} on {}: {doubt}", args.contacts.display(), args.model.display()));
+    }
     if args.json {
         let report = json!({
             "mean_mm": 1e3 * best.mean,

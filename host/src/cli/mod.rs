@@ -16,6 +16,7 @@ pub mod reproduce;
 pub mod simulate;
 pub mod slam;
 mod terminal;
+mod units;
 pub mod view_address;
 
 use std::process::ExitCode;

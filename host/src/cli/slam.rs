@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 
 use crate::cli::bundled::Bundled;
 use crate::cli::terminal::{Progress, say, tell, tell_report, warn};
-use crate::cli::{Error, browser, files};
+use crate::cli::{Error, browser, files, units};
 use crate::graph;
 use crate::log::{GraspLog, TrueShape};
 use crate::shape::Geometry;
@@ -15,7 +15,7 @@ use crate::shape::files::Plain;
 use crate::slam::choose::Choice;
 use crate::slam::output::{Correction, Outcome, Provenance, check_folder, conclude, true_shape};
 use crate::slam::trackers::Kind;
-use crate::slam::{reconstruct, track};
+use crate::slam::{reconstruct, track, usual_deviations};
 
 /// Reconstruct an object and its poses from a grasp log.
 ///
@@ -125,6 +125,11 @@ impl Input {
                 "{}: no surface passes near a contact: the shape is empty",
                 self.name
             ));
+        }
+        let (deviation, _) = usual_deviations(&self.log.noise);
+        let distance = 1e-3 * outcome.report.contact_rms_mm.unwrap_or(0.0);
+        if let Some(doubt) = units::doubt(outcome.extent(), distance, deviation) {
+            warn(format_args!("{}: {doubt}", self.name));
         }
         Ok(())
     }

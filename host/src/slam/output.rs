@@ -285,6 +285,14 @@ impl Outcome {
         metrics::is_empty(&self.reconstruction.geometry)
     }
 
+    /// The diagonal of the box around all contacts, object frame, metres.
+    pub fn extent(&self) -> f64 {
+        let points = || self.reconstruction.contacts.iter().map(|p| p.contact.point);
+        let low = points().reduce(|a, b| a.inf(&b));
+        let high = points().reduce(|a, b| a.sup(&b));
+        low.zip(high).map_or(0.0, |(low, high)| (high - low).norm())
+    }
+
     /// The headline.
     pub fn title(&self) -> &str {
         &self.summary.title

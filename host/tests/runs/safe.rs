@@ -1,5 +1,6 @@
 //! Runs keep what they read, notice early where they cannot write, and say what became of the rest.
 
+use std::fmt::Write as _;
 use std::process::{Command, Stdio};
 
 use tactile_host::log::GraspLog;
@@ -128,4 +129,34 @@ fn a_mark_of_the_encoding_is_no_content() {
     place.put("p.txt", marked(&push));
     // The count is read; what lacks is the push.
     place.tactile("import push p.txt -o p.jsonl").refused(&["push 0 of 1"]);
+}
+
+#[test]
+fn lengths_without_their_unit_are_doubted() {
+    let place = Place::new();
+    let mut table = String::from("x,y,z,nx,ny,nz\n");
+    for k in 0..30 {
+        let (sin, cos) = (2.4 * f64::from(k)).sin_cos();
+        let z = (f64::from(k) - 14.5) / 15.0;
+        let r = (1.0 - z * z).sqrt();
+        let (x, y) = (r * cos, r * sin);
+        writeln!(table, "{},{},{},{x},{y},{z}", 30.0 * x, 30.0 * y, 30.0 * z).unwrap();
+    }
+    place.put("ball.csv", table);
+    let doubt = "are they metres, or does a unit such as mm lack?";
+    for (unit, is_doubted) in [("m", true), ("mm", false)] {
+        let import = "import csv ball.csv --contact-noise 1mm,5deg --fixed -o ball.jsonl --unit";
+        place.tactile(&format!("{import} {unit}")).done();
+        for line in ["slam ball.jsonl --poses truth", "live --port virtual --log ball.jsonl"] {
+            let run = place.tactile(line).done();
+            assert_eq!(run.err.contains(doubt), is_doubted, "{line}, {unit}: {}", run.err);
+        }
+    }
+    place.tactile("simulate --object sphere:0.06 --grasps 2 -o s.jsonl").done();
+    let ball = std::fs::read_to_string(place.at("s.jsonl")).unwrap();
+    assert!(ball.contains("s.ply"));
+    let near = place.tactile("localize --model s.ply ball.jsonl").done();
+    assert!(!near.err.contains(doubt), "{}", near.err);
+    place.tactile("import csv ball.csv --contact-noise 1mm,5deg --fixed -o far.jsonl").done();
+    place.tactile("localize --model s.ply far.jsonl").done().says(&[doubt]);
 }
