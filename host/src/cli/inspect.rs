@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Error;
-use super::terminal::say;
+use super::terminal::{say, warn};
 use crate::log::GraspLog;
 use crate::log::inspection::inspect_recording;
 
@@ -39,19 +39,29 @@ pub fn run(args: &InspectArgs) -> Result<(), Error> {
     }
 }
 
-/// Says what is in a grasp log.
+/// Says what is in a grasp log; of a damaged one, in what of it is sound.
 ///
 /// # Errors
-/// When the log cannot be read.
+/// When the log cannot be read, or not all of it.
 pub fn inspect_log(file: &Path, json: bool) -> Result<(), Error> {
-    let log = GraspLog::read(file).map_err(Error::input)?;
+    let (log, damage) = match GraspLog::read(file) {
+        Ok(log) => (log, None),
+        Err(error) => match GraspLog::salvage(file) {
+            Ok((log, left_out)) if !log.grasps.is_empty() => (log, Some((error, left_out.len()))),
+            _ => return Err(Error::input(error)),
+        },
+    };
     let summary = Summary::of(&log);
     if json {
         say(serde_json::to_string_pretty(&summary).map_err(Error::failure)?)
     } else {
         say(format_args!("{}\n{}", file.display(), summary.text().trim_end()))?;
         courses::of_log(&log).iter().try_for_each(say)
-    }
+    }?;
+    let Some((error, count)) = damage else { return Ok(()) };
+    let lines = if count == 1 { "1 line is".into() } else { format!("{count} lines are") };
+    warn(format_args!("{}: {lines} left out of this", file.display()));
+    Err(Error::input(error))
 }
 
 /// Says what is in a recording.

@@ -160,3 +160,18 @@ fn lengths_without_their_unit_are_doubted() {
     place.tactile("import csv ball.csv --contact-noise 1mm,5deg --fixed -o far.jsonl").done();
     place.tactile("localize --model s.ply far.jsonl").done().says(&[doubt]);
 }
+
+#[test]
+fn a_damaged_log_shows_what_is_sound_and_fails() {
+    let place = Place::new();
+    place.tactile("simulate --object hexagon:0.05 --grasps 3 -o a.jsonl").done();
+    let log = std::fs::read_to_string(place.at("a.jsonl")).unwrap();
+    place.put("cut.jsonl", &log[..log.len() - 20]);
+    let run = place.tactile("inspect cut.jsonl");
+    assert_eq!(run.code, Some(2), "{}", run.err);
+    assert!(run.out.contains("2, numbers 0–1"), "{}", run.out);
+    let run = run.says(&["cut.jsonl, line 4: is cut off", "1 line is left out"]);
+    assert_eq!(run.out.lines().next(), Some("cut.jsonl"));
+    let figures = place.tactile("inspect cut.jsonl --json");
+    assert_eq!((figures.code, &figures.json()["grasps"]["count"]), (Some(2), &2.into()));
+}
