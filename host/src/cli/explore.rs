@@ -88,11 +88,11 @@ pub struct ExploreArgs {
     moving: bool,
     /// Standard deviations of that slip, per axis of the object
     #[arg(long, value_name = "LENGTH,ANGLE", default_value = "5mm,10deg", requires = "moving",
-          value_parser = quantity::deviation)]
+          value_parser = quantity::deviation, allow_hyphen_values = true)]
     motion_noise: Deviation,
     /// Standard deviations of contact points and normals, per axis
     #[arg(long, value_name = "LENGTH,ANGLE", default_value = "1mm,5deg",
-          value_parser = quantity::deviation)]
+          value_parser = quantity::deviation, allow_hyphen_values = true)]
     contact_noise: Deviation,
     /// Who follows a moving object
     #[arg(long, value_enum, default_value_t = Kind::Hypotheses, requires = "moving")]
@@ -114,7 +114,8 @@ pub struct ExploreArgs {
     #[arg(long, value_name = "GOAL", default_value = "strict", value_parser = until)]
     until: Until,
     /// How well the last pose must be known besides (95 % within, by the explorer's own account)
-    #[arg(long, value_name = "LENGTH,ANGLE", requires = "moving", value_parser = quantity::deviation)]
+    #[arg(long, value_name = "LENGTH,ANGLE", requires = "moving",
+          value_parser = quantity::deviation, allow_hyphen_values = true)]
     pose: Option<Deviation>,
     /// When to stop all the same
     #[arg(long, value_name = "N", default_value_t = 60,

@@ -40,7 +40,8 @@ struct PushArgs {
     #[arg(long, value_enum, default_value = "truth")]
     poses: Poses,
     /// Slip between grasps, standard deviations (with --poses noisy) [default: 10mm,20deg]
-    #[arg(long, value_name = "LENGTH,ANGLE", value_parser = quantity::deviation)]
+    #[arg(long, value_name = "LENGTH,ANGLE", value_parser = quantity::deviation,
+          allow_hyphen_values = true)]
     motion_noise: Option<Deviation>,
     /// Contacts in a grasp (with --poses noisy) [default: 5]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
@@ -94,10 +95,12 @@ struct PointArgs {
     #[arg(long, default_value = "m", value_parser = quantity::length_unit)]
     unit: f64,
     /// Standard deviations of points and normals
-    #[arg(long, value_name = "LENGTH,ANGLE", value_parser = quantity::deviation)]
+    #[arg(long, value_name = "LENGTH,ANGLE", value_parser = quantity::deviation,
+          allow_hyphen_values = true)]
     contact_noise: Option<Deviation>,
     /// Standard deviations of the object's motion between grasps
-    #[arg(long, value_name = "LENGTH,ANGLE", value_parser = quantity::deviation)]
+    #[arg(long, value_name = "LENGTH,ANGLE", value_parser = quantity::deviation,
+          allow_hyphen_values = true)]
     motion_noise: Option<Deviation>,
     /// The object did not move: its true poses and motions are the identity
     #[arg(long)]

@@ -74,7 +74,8 @@ pub struct LiveArgs {
     #[arg(long, value_name = "[HOST:]PORT", num_args = 0..=1, default_missing_value = "7332")]
     view: Option<Address>,
     /// Seconds to wait between grasps: a log is faster than a hand
-    #[arg(long, value_name = "SECONDS", default_value = "0", value_parser = pace)]
+    #[arg(long, value_name = "SECONDS", default_value = "0", value_parser = pace,
+          allow_negative_numbers = true)]
     pace: Duration,
     /// Correct all poses together and teach the board what came of it, from eight grasps on, and once
     /// more at the end; needs a tracker with faces: --tracker hypotheses

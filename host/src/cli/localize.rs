@@ -33,7 +33,8 @@ pub struct LocalizeArgs {
     #[arg(long)]
     no_normals: bool,
     /// Standard deviations of contact points and normals, instead of the log's
-    #[arg(long, value_name = "LENGTH,ANGLE", value_parser = quantity::deviation)]
+    #[arg(long, value_name = "LENGTH,ANGLE", value_parser = quantity::deviation,
+          allow_hyphen_values = true)]
     contact_noise: Option<Deviation>,
     /// Seed of the search's random numbers
     #[arg(long, default_value_t = 0)]

@@ -74,7 +74,7 @@ struct PartArgs {
     first_seed: Option<u64>,
     /// Of shapes: standard deviations of contact points and normals [default: 1mm,5deg]; of tracking:
     /// motion noise in percent of 10 mm and 20° (in space 11.5° per axis) [default: 25,50,100]
-    #[arg(long, value_name = "NOISE")]
+    #[arg(long, value_name = "NOISE", allow_hyphen_values = true)]
     noise: Option<String>,
     /// Of shapes: only these numbers of contacts [default: 5 to 60 in the plane, 5 to 200 in space]
     #[arg(long, value_name = "N", value_delimiter = ',',
@@ -93,7 +93,7 @@ struct PartArgs {
     graph: Option<graph::Kind>,
     /// Of shapes and tracking: which part of the contacts is wild [default: 0]; of pose-graph-outliers: only this
     /// part of the closures false, at random and in groups [default: 0.1, 0.3 and 0.5]
-    #[arg(long, value_name = "PART")]
+    #[arg(long, value_name = "PART", allow_negative_numbers = true)]
     outliers: Option<f64>,
     /// Of tracking: how many in a run [default: 16 in the plane, 20 in space]
     #[arg(long, value_name = "N")]

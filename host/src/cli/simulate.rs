@@ -36,14 +36,14 @@ pub struct SimulateArgs {
     /// Standard deviations of contact points and normals, per axis; of 0 the log says the least that models take, 0.1 mm
     /// and 0.5°
     #[arg(long, value_name = "LENGTH,ANGLE", default_value = "1mm,5deg",
-          value_parser = quantity::deviation)]
+          value_parser = quantity::deviation, allow_hyphen_values = true)]
     contact_noise: Deviation,
     /// Standard deviations of the slip between grasps, per axis of the object; of 0 the log says 0.1 mm and 0.06°
     #[arg(long, value_name = "LENGTH,ANGLE", default_value = "10mm,20deg",
-          value_parser = quantity::deviation)]
+          value_parser = quantity::deviation, allow_hyphen_values = true)]
     motion_noise: Deviation,
     /// Which part of the contacts is wild: within 30 mm of the surface, with any normal
-    #[arg(long, value_name = "FRACTION", default_value_t = 0.0)]
+    #[arg(long, value_name = "FRACTION", default_value_t = 0.0, allow_negative_numbers = true)]
     outliers: f64,
     /// Put sensors into the fingertips: contacts are then those a board's estimators make of their
     /// words, which the log keeps. Takes the place of --contact-noise and --outliers

@@ -407,6 +407,9 @@ fn quantities_have_their_units_and_bounds() {
     simulate("--contact-noise 5deg,1mm", &["--contact-noise", "5deg", "which is an angle"]);
     simulate("--contact-noise 1mm", &["--contact-noise", "a length and an angle"]);
     simulate("--contact-noise=-1mm,5deg", &["--contact-noise", "not negative"]);
+    simulate("--contact-noise -1mm,5deg", &["--contact-noise", "not negative"]);
+    simulate("--motion-noise -1mm,5deg", &["--motion-noise", "not negative"]);
+    simulate("--outliers -0.1", &["--outliers", "from 0 to 1"]);
     simulate("--motion-noise nan,1", &["--motion-noise", "nan"]);
     simulate("--motion-noise 1furlong,1", &["--motion-noise", "furlong", "mm, cm"]);
     // Contacts that far off would make a log that no reader takes.
