@@ -309,6 +309,7 @@ fn bad_arguments_are_refused() {
         ("reproduce tracking --object cube", &["cube", "rectangle"]),
         ("reproduce tracking --outliers 2 --seeds 1", &["--outliers", "2"]),
         ("reproduce mujoco --object anvil", &["mujoco"]),
+        ("reproduce shapes --object ycb/anvil", &["--object ycb/anvil"]),
         ("dance", &["dance"]),
     ] {
         bench.refuses(line, words);

@@ -342,6 +342,10 @@ fn compare_shapes(args: &ReproduceArgs) -> Result<(), Error> {
     };
     let rows = watch(args, shapes::heading(&selection));
     let table = shapes::run(data().as_deref(), &selection, rows).map_err(Error::input)?;
+    if table.rows.is_empty() {
+        let why = table.skipped.first().map_or("nothing of that name", String::as_str);
+        return Err(Error::Input(format!("--object {}: {why}", object.join(", "))));
+    }
     conclude(args, &Outcome::pictured(SHAPES, &table, table.picture())?)
 }
 
