@@ -68,10 +68,10 @@ impl<S: Space> Face<S> {
         self.normal.dot(point - self.centroid)
     }
 
-    /// Variance of that, square metres; nowhere less than at the centroid.
+    /// Variance of that, square metres: least at the centroid.
     pub fn variance(&self, point: S::Vector) -> f32 {
-        // A covariance that rounding has made indefinite takes nothing away.
-        math::max(self.joint(point, point), self.offset_variance)
+        // A covariance that rounding has made indefinite takes no more than half away.
+        math::max(self.joint(point, point), 0.5 * self.offset_variance)
     }
 
     /// Covariance of the values at two points, square metres.
@@ -328,7 +328,7 @@ impl<S: Space, const FACES: usize> Surface<S> for Faces<S, FACES> {
             probe.value = value;
             probe.gradient = face.normal;
             probe.variance = face.variance(point);
-            probe.slope_variance = trace / S::DIMENSION as f32;
+            probe.slope_variance = math::max(trace, 0.0) / S::DIMENSION as f32;
         }
         probe
     }

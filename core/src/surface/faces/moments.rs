@@ -265,7 +265,6 @@ fn tangent_inverse<S: Space>(
         for i in 0..S::DIMENSION {
             covariance[i][j] = column[i];
         }
-        covariance[j][j] = math::max(covariance[j][j], 0.0);
     }
     Some(covariance)
 }
