@@ -1,5 +1,6 @@
 //! Gaussian-process implicit surface over a dense covariance matrix: thesis 2.2.
 
+mod left_out;
 mod observe;
 mod posterior;
 mod symmetric;
@@ -12,6 +13,7 @@ use super::{Contact, Kernel, Mean, Normalisation};
 use crate::dense::{Cholesky, Lower, Sites, Weighted};
 use crate::space::Point;
 
+pub use left_out::LeftOut;
 pub(super) use observe::Observation;
 #[cfg(test)]
 pub(super) use observe::Part;

@@ -17,7 +17,7 @@ use crate::space::Point;
 
 /// Contacts that decide the hyper-parameters at most, and what the process is about; the fit itself
 /// uses all.
-const DECIDING: usize = 150;
+pub(super) const DECIDING: usize = 150;
 const JUDGING: usize = 60;
 
 /// Nats per contact by which a body that does not explain the contacts by itself must still beat the

@@ -13,6 +13,7 @@ use crate::reference::{Contact, Faces, Mean, Prior};
 use crate::space::Point;
 
 mod convex;
+mod smooth;
 
 pub use convex::beside_convex;
 
@@ -62,7 +63,8 @@ pub fn beside_faces(dimension: usize, contacts: &[Contact], free: &[Point]) -> V
 pub fn trusted(dimension: usize, contacts: &[Contact]) -> Vec<bool> {
     let all = vec![true; contacts.len()];
     let round = |own: &[Contact], faces: Option<&Faces>| rounds(dimension, own, faces).collect();
-    beside_body(dimension, contacts, all.clone(), round, explains).unwrap_or(all)
+    let body = beside_body(dimension, contacts, all.clone(), round, explains);
+    body.or_else(|| smooth::beside_surface(dimension, contacts)).unwrap_or(all)
 }
 
 /// The same from these on that are `trusted`, of these bodies; `None` where none that many contacts measured `fits`
@@ -154,7 +156,7 @@ fn strangeness(body: &Body, radius: f64, contacts: &[Contact]) -> Vec<f64> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::graph::Kind;
     use crate::quantity::Deviation;
@@ -168,7 +170,7 @@ mod tests {
     use crate::slam::track;
 
     /// Contacts of an object at their true places, such a share of them wild, and which are.
-    fn felt(object: &str, seed: u64, outliers: f64) -> (usize, Vec<Contact>, Vec<bool>) {
+    pub fn felt(object: &str, seed: u64, outliers: f64) -> (usize, Vec<Contact>, Vec<bool>) {
         let placed = |outliers: f64| {
             let options = Options { seed, outliers, ..Options::new(object.parse().unwrap()) };
             let log = simulate(&options).unwrap().log;
@@ -274,7 +276,7 @@ mod tests {
     }
 
     /// From a shape to an object after the best rigid alignment, metres.
-    fn hausdorff(made: &Geometry, object: &str) -> f64 {
+    pub fn hausdorff(made: &Geometry, object: &str) -> f64 {
         let truth = object.parse::<ObjectSpec>().unwrap().geometry().unwrap();
         let aligned = align::align(made, &truth);
         metrics::compare_at(made, &aligned, &truth).unwrap().hausdorff

@@ -1,0 +1,151 @@
+//! Contacts that a smooth surface through all others has no place for.
+
+use super::{ROUNDS, WILD, are_few, only};
+use crate::reference::body::Body;
+use crate::reference::hyper::Belief;
+use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
+use crate::slam::fit::{self, DECIDING, exactness};
+
+/// Odds that a contact is no wild one, nats, before it is compared with others: a fifth may be.
+const RARE: f64 = 1.4;
+
+/// Deviation of wild contacts from the surface, as a part of the object's radius.
+const FAR: f64 = 0.5;
+
+/// Which contacts belong to an object of which nothing is known but that its surface is smooth: all, or without the few
+/// that are likelier anywhere and of any normal than where the others lead the surface. `None` without contacts, where
+/// they are too many or too coincident for a dense surface, and where those left out are many or agree with one another.
+///
+/// A surface that is fitted to all follows wild contacts, and its hyper-parameters account for them. So each is judged by
+/// the surface of the others, the strangest goes first, for it makes its neighbours look strange, and the hyper-parameters
+/// are at first what suits most objects and then found from those that are left.
+pub fn beside_surface(dimension: usize, contacts: &[Contact]) -> Option<Vec<bool>> {
+    let Some(Prior::Ball { radius, .. }) = Prior::fitted(contacts) else { return None };
+    let usual = fit::usual(dimension, contacts);
+    let of = |amplitude: f64, lengthscale: f64| Kernel::Matern32 { amplitude, lengthscale };
+    let mut kernel = of(usual.amplitude.mode * radius, usual.lengthscale.mode * radius);
+    let mut noise = usual.noise.map_or(1.0, |noise: Belief| noise.mode);
+    let mut trusted = vec![true; contacts.len()];
+    for _ in 0..ROUNDS {
+        let own = only(contacts, &trusted);
+        let body = Body::doubtful_ball(dimension, &own)?;
+        let noisy: Vec<Contact> =
+            contacts.iter().map(|c| c.with_noise(noise * exactness(dimension, contacts))).collect();
+        let surface = Gpis::fit(dimension, kernel, body, Training::Derivative, &noisy).ok()?;
+        let next = plausible(&surface, radius, contacts)?;
+        if next == trusted {
+            break;
+        }
+        trusted = next;
+        let deciding = fit::spread(&only(contacts, &trusted), DECIDING);
+        let ball = Body::ball(dimension, &deciding)?;
+        let found =
+            usual.run(dimension, of(radius, radius), ball, Training::Derivative, &deciding, radius);
+        let found = found.ok()?;
+        (kernel, noise) = (found.kernel, found.noise);
+    }
+    are_few(&trusted, contacts, radius).then_some(trusted)
+}
+
+/// Which contacts of a surface are likelier its own than wild, each judged by those that are left; `None` where many are
+/// not.
+fn plausible(surface: &Gpis, radius: f64, contacts: &[Contact]) -> Option<Vec<bool>> {
+    let mut left = surface.left_out();
+    let mut trusted = vec![true; contacts.len()];
+    let most = (WILD * contacts.len() as f64) as usize;
+    for _ in 0..=most {
+        let odds = |i: usize| {
+            let density = left.density(i)?;
+            Some((density - wild(surface.dimension(), radius, &contacts[i]), i))
+        };
+        let strangest = (0..contacts.len()).filter_map(odds).min_by(|a, b| a.0.total_cmp(&b.0));
+        match strangest {
+            Some((odds, i)) if odds < 0.0 => {
+                left.remove(i);
+                trusted[i] = false;
+            }
+            _ => return Some(trusted),
+        }
+    }
+    None
+}
+
+/// ln of the density of what a wild contact measured, and of there being one: anywhere about the surface, and with a
+/// normal of any direction, whose components vary by 1/√dimension.
+fn wild(dimension: usize, radius: f64, contact: &Contact) -> f64 {
+    let tau = std::f64::consts::TAU;
+    let off = -0.5 * (tau * (FAR * radius).powi(2)).ln() - 0.5;
+    let d = dimension as f64;
+    let turned = contact.normal.map_or(0.0, |_| -0.5 * d * ((tau / d).ln() + 1.0));
+    off + turned - RARE
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::slam::choose::Choice;
+    use crate::slam::reconstruct::{Poses, shape};
+    use crate::slam::sift::tests::{felt, hausdorff};
+
+    /// An outline that is neither flat nor of few numbers, as an object's text.
+    fn peanut() -> String {
+        let corner = |i: u32| {
+            let angle = f64::from(i) * std::f64::consts::TAU / 60.0;
+            let radius = 0.04 * (1.0 + 0.3 * (2.0 * angle).cos() + 0.05 * (3.0 * angle).sin());
+            format!("{:.5}x{:.5}", radius * angle.cos(), radius * angle.sin())
+        };
+        format!("corners:{}", (0..60).map(corner).collect::<Vec<_>>().join(","))
+    }
+
+    #[test]
+    fn wild_contacts_on_a_smooth_outline_are_found_and_no_others() {
+        let (mut found, mut all, mut lost) = (0, 0, 0);
+        for seed in 0..6 {
+            let (dimension, contacts, wild) = felt(&peanut(), seed, 0.1);
+            let trusted = beside_surface(dimension, &contacts).unwrap();
+            for (trusted, wild) in trusted.iter().zip(&wild) {
+                found += usize::from(!trusted && *wild);
+                lost += usize::from(!trusted && !wild);
+                all += usize::from(*wild);
+            }
+        }
+        assert!(4 * found >= 3 * all && lost <= all / 8, "{found} of {all}, {lost}");
+    }
+
+    #[test]
+    fn none_is_left_out_where_none_is_wild() {
+        for object in [&peanut(), "rectangle:0.1x0.06", "lshape:0.09x0.09x0.035"] {
+            for seed in 0..3 {
+                let (dimension, contacts, _) = felt(object, seed, 0.0);
+                let trusted = beside_surface(dimension, &contacts).unwrap();
+                let lost = trusted.iter().filter(|t| !**t).count();
+                assert!(lost == 0, "{object} {seed}: {lost}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_smooth_shape_is_made_without_wild_contacts() {
+        let peanut = peanut();
+        let mut errors: Vec<f64> = Vec::new();
+        for seed in 0..3 {
+            let (dimension, contacts, _) = felt(&peanut, seed, 0.1);
+            let (poses, auto) = (Poses::Known, Choice::Auto);
+            let made = shape(dimension, &contacts, &[], poses, auto, &|_, _| {}).unwrap();
+            errors.push(hausdorff(&made.geometry, &peanut));
+        }
+        assert!(errors.iter().all(|error| *error < 6e-3), "{errors:?}");
+    }
+
+    #[test]
+    fn many_wild_contacts_are_no_reason_and_none_are_none() {
+        let (dimension, contacts, _) = felt(&peanut(), 0, 0.5);
+        assert_eq!(beside_surface(dimension, &contacts), None);
+        assert_eq!(beside_surface(2, &[]), None);
+        // One contact, or one that was felt again and again, says nothing against itself.
+        for same in [1, 30] {
+            let trusted = beside_surface(dimension, &vec![contacts[0]; same]);
+            assert!(trusted.is_none_or(|trusted| trusted.iter().all(|t| *t)));
+        }
+    }
+}
