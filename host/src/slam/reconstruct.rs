@@ -333,7 +333,8 @@ fn shape_of(
         let (geometry, deviations) = extract(dimension, &experts, contacts)?;
         return Ok(Shape { model: Model::Gp(kernel), geometry, deviations, mirrors: vec![] });
     }
-    let trusted = only(contacts, &sift::trusted(dimension, contacts));
+    let sift = if poses == Poses::Known { sift::trusted_at_known } else { sift::trusted };
+    let trusted = only(contacts, &sift(dimension, contacts));
     let doubt = || open_beside(dimension, &trusted, free);
     if trusted.len() < contacts.len()
         && let Some(polytope) = faced(dimension, &trusted, free, known, choice)?

@@ -2,7 +2,8 @@
 //! explain all others.
 //!
 //! A smooth surface follows every contact that it is given, so one that is wild dents it. A body of few
-//! numbers does not, where many contacts measured them: what lies far off it does not belong there.
+//! numbers does not, where many contacts measured them: what lies far off it does not belong there. Where there is no
+//! such body, the surface of all other contacts says what belongs there ([`smooth`]).
 
 use super::choose::{self, often, only};
 use super::fit::{explains, rounds};
@@ -61,10 +62,21 @@ pub fn beside_faces(dimension: usize, contacts: &[Contact], free: &[Point]) -> V
 /// place for. Where most of those agree with one another they are a part of the object that the body lacks,
 /// such as the inner sides of an L, and none is left out.
 pub fn trusted(dimension: usize, contacts: &[Contact]) -> Vec<bool> {
-    let all = vec![true; contacts.len()];
+    beside_round(dimension, contacts).unwrap_or_else(|| vec![true; contacts.len()])
+}
+
+/// The same at known poses, where contacts that no body explains are judged by the surface of all others, too: among
+/// others, those of grasps whose poses are still wrong would go.
+pub fn trusted_at_known(dimension: usize, contacts: &[Contact]) -> Vec<bool> {
+    let surface = || smooth::beside_surface(dimension, contacts);
+    let trusted = beside_round(dimension, contacts).or_else(surface);
+    trusted.unwrap_or_else(|| vec![true; contacts.len()])
+}
+
+/// All but those that a round body has no place for; `None` where none explains them.
+fn beside_round(dimension: usize, contacts: &[Contact]) -> Option<Vec<bool>> {
     let round = |own: &[Contact], faces: Option<&Faces>| rounds(dimension, own, faces).collect();
-    let body = beside_body(dimension, contacts, all.clone(), round, explains);
-    body.or_else(|| smooth::beside_surface(dimension, contacts)).unwrap_or(all)
+    beside_body(dimension, contacts, vec![true; contacts.len()], round, explains)
 }
 
 /// The same from these on that are `trusted`, of these bodies; `None` where none that many contacts measured `fits`
