@@ -145,6 +145,9 @@ fn read(file: &Path) -> Result<Replayed, Error> {
             warn(format_args!("{name}: {count} {what}"));
         }
     }
+    for sentence in replayed.left_out.sentences() {
+        warn(format_args!("{name}: {sentence}"));
+    }
     Ok(replayed)
 }
 

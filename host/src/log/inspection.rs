@@ -109,6 +109,7 @@ impl fmt::Display for Inspection {
         if self.torn > 0 {
             write!(f, ", a torn last one of {} bytes skipped", self.torn)?;
         }
-        writeln!(f)
+        writeln!(f)?;
+        r.left_out.sentences().iter().try_for_each(|sentence| writeln!(f, "{sentence}"))
     }
 }

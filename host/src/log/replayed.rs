@@ -1,19 +1,28 @@
 //! What a recording tells: the grasps that were sent, and what the board made of them.
 
-use std::io::{self, Write};
 use std::time::Duration;
 
-use serde_json::{Map, Value, json};
+use serde_json::Map;
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::track::Status;
 use tactile_core::wire::{
-    Arrival, Command, ContactFrame, Counters, Decoder, EstimateFrame, Health, Hello, ModeFrame,
-    Received, Report, Settings, WireSpace,
+    Arrival, Command, ContactFrame, Counters, Decoder, EstimateFrame, Frame, Health, Hello,
+    ModeFrame, Received, Report, Settings, Topic, WireSpace,
 };
 
 use super::recording::{Direction, Header, Piece, Recording};
 use super::{GraspLog, LoggedContact, LoggedFree, LoggedGrasp, Noise};
-use crate::space::{self, Bridge, Point, Pose};
+use crate::space::{Bridge, Point, Pose};
+
+#[cfg(test)]
+mod damage_tests;
+mod left_out;
+#[cfg(test)]
+mod tests;
+mod written;
+
+pub use left_out::LeftOut;
+use left_out::{joined, tells};
 
 /// A recording, understood.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,6 +42,8 @@ pub struct Replayed {
     pub to_board: Counters,
     /// Commands the board refused.
     pub refused: usize,
+    /// What damage took from the log.
+    pub left_out: LeftOut,
     /// From the start to the last piece; see [`listen`] for times that run backwards.
     pub duration: Duration,
 }
@@ -90,9 +101,19 @@ impl Recording {
                 log.grasps.push(*grasp);
             }
         });
-        let Rest { noise, hello, health, from_board, to_board, refused, duration } = rest;
+        let Rest { noise, hello, health, from_board, to_board, refused, left_out, duration } = rest;
         log.noise = noise;
-        Replayed { log, estimates, hello, health, from_board, to_board, refused, duration }
+        Replayed {
+            log,
+            estimates,
+            hello,
+            health,
+            from_board,
+            to_board,
+            refused,
+            left_out,
+            duration,
+        }
     }
 }
 
@@ -120,6 +141,8 @@ pub struct Rest {
     pub to_board: Counters,
     /// Commands the board refused.
     pub refused: usize,
+    /// What damage took from the log.
+    pub left_out: LeftOut,
     /// From the start to the last piece; see [`listen`] for times that run backwards.
     pub duration: Duration,
 }
@@ -127,6 +150,10 @@ pub struct Rest {
 /// Decodes both directions, pairs commands with replies, and tells `hear` of every grasp as it comes
 /// about: for recordings that are too long to be held at once. `pieces` puts one after the other to the
 /// ear that it is given.
+///
+/// Grasps are numbered and told apart as the board counts them, so that pieces that are missing cost what was
+/// in them: of a commit that was lost, the board's answer tells. What damage leaves in doubt is left out, and a
+/// motion since a grasp that is not in the log is unknown.
 ///
 /// Times never run backwards: a step back in the pieces' times, as where two recordings were joined, takes
 /// no time, and steps forwards count from there.
@@ -147,13 +174,20 @@ struct Collector<'a, S: WireSpace> {
     rest: Rest,
     fingers: usize,
     settings: Settings,
+    /// Sequence number of the last command.
+    sequence: Option<u8>,
+    /// What was told of a grasp since the last commit or loss, and between losses before.
     grasp: LoggedGrasp,
-    /// What the board made of the grasp that it is about to answer.
+    earlier: Vec<LoggedGrasp>,
+    /// The number that follows that of the last grasp.
+    due: u64,
+    /// What the board made of the grasp that it is about to answer, and what it added to it.
     estimate: Option<EstimateFrame<S>>,
+    felt: Vec<ContactFrame<S>>,
+    /// When the board spoke last.
+    heard_at: Duration,
     /// The last grasp, whose other answers may yet come.
     done: Option<(LoggedGrasp, Option<RecordedEstimate>)>,
-    /// What the board added to the grasp that it is about to answer.
-    felt: Vec<ContactFrame<S>>,
 }
 
 /// The number with the fewest digits that is still this `f32`, so that 0.001 stays 0.001.
@@ -192,18 +226,6 @@ fn noise(settings: &Settings) -> Noise {
     }
 }
 
-fn empty_grasp(index: u64) -> LoggedGrasp {
-    LoggedGrasp {
-        index,
-        time: None,
-        motion: None,
-        contacts: Vec::new(),
-        free: Vec::new(),
-        truth: None,
-        unknown: Map::new(),
-    }
-}
-
 fn listen_in<S: Bridge + WireSpace>(
     header: &Header,
     pieces: impl FnOnce(&mut dyn FnMut(&Piece)),
@@ -218,14 +240,19 @@ fn listen_in<S: Bridge + WireSpace>(
             from_board: Counters::NONE,
             to_board: Counters::NONE,
             refused: 0,
+            left_out: LeftOut::default(),
             duration: Duration::ZERO,
         },
         fingers: header.fingers.len(),
         settings: Settings::DEFAULT,
-        grasp: empty_grasp(0),
+        sequence: None,
+        grasp: LoggedGrasp::default(),
+        earlier: Vec::new(),
+        due: 0,
         estimate: None,
-        done: None,
         felt: Vec::new(),
+        heard_at: Duration::ZERO,
+        done: None,
     };
     let mut to_board = Decoder::<Command<S>>::new();
     let mut from_board = Decoder::<Report<S>>::new();
@@ -242,7 +269,7 @@ fn listen_in<S: Bridge + WireSpace>(
                     let (taken, rest) = to_board.take(left);
                     left = rest;
                     if let Some(Ok(Received { frame, arrival: Arrival::New })) = taken {
-                        pending = Some((frame.sequence, frame.message));
+                        collector.asked(frame, &mut pending);
                     }
                 }
                 Direction::FromBoard => {
@@ -255,6 +282,7 @@ fn listen_in<S: Bridge + WireSpace>(
             }
         }
     });
+    collector.commit_unheard();
     collector.tell();
     collector.rest.to_board = *to_board.counters();
     collector.rest.from_board = *from_board.counters();
@@ -262,20 +290,100 @@ fn listen_in<S: Bridge + WireSpace>(
 }
 
 impl<S: Bridge + WireSpace> Collector<'_, S> {
+    /// A command, which is `pending` from now on.
+    fn asked(&mut self, frame: Frame<Command<S>>, pending: &mut Option<(u8, Command<S>)>) {
+        let greets = matches!(frame.message, Command::Hello { .. });
+        let before = pending.replace((frame.sequence, frame.message));
+        // Who greets may have given up on what was asked before, and counts from anywhere.
+        self.presume(before.filter(|_| !greets));
+        self.commit_unheard();
+        if greets {
+            self.sequence = None;
+        }
+        self.follow(frame.sequence);
+    }
+
+    /// The reply to a command is not in the recording, but the host went on, as it does after a reply: what
+    /// the board had no reason to refuse was obeyed.
+    fn presume(&mut self, unanswered: Option<(u8, Command<S>)>) {
+        let Some((_, command)) = unanswered else { return };
+        let room = self.rest.hello.map_or(usize::MAX, |hello| hello.contacts.into());
+        let is_refused = match &command {
+            Command::Motion(_) => self.grasp.motion.is_some(),
+            Command::Contact(_) => self.grasp.contacts.len() >= room,
+            Command::Free(_) => self.grasp.free.len() >= room,
+            Command::Configure(settings) => !settings.is_valid(),
+            _ => false,
+        };
+        if !is_refused {
+            self.obeyed(command);
+        }
+    }
+
+    /// A command of this sequence number was sent. A commit may be among those that are missing before it: the
+    /// board's next number will tell.
+    fn follow(&mut self, sequence: u8) {
+        let last = self.sequence.replace(sequence);
+        if last.is_some_and(|last| last.wrapping_add(1) != sequence) {
+            let time = Some(self.heard_at.as_secs_f64());
+            self.earlier.push(LoggedGrasp { time, ..std::mem::take(&mut self.grasp) });
+        }
+    }
+
+    /// The board's answer to a commit tells of it where neither it nor its reply was heard.
+    fn commit_unheard(&mut self) {
+        if self.is_committed() {
+            self.commit();
+        }
+    }
+
+    /// Whether the board has begun to answer a commit.
+    fn is_committed(&self) -> bool {
+        self.estimate.is_some() || !self.felt.is_empty()
+    }
+
+    /// Whether the answer that has begun is to the next grasp, as far as is known.
+    fn is_of_due(&self) -> bool {
+        self.estimate.as_ref().is_none_or(|estimate| u64::from(estimate.grasp) <= self.due)
+    }
+
     /// What the board says; a reply is to the command that is `pending`.
     fn answered(&mut self, received: Received<Report<S>>, pending: &mut Option<(u8, Command<S>)>) {
+        self.heard_at = self.rest.duration;
+        let is_new = received.arrival == Arrival::New;
+        let answers_commit =
+            matches!(received.frame.message, Report::Estimate(_) | Report::Felt(_));
+        if is_new && answers_commit && self.estimate.is_some() {
+            // An answer has one estimate, which comes last of these: this is another answer.
+            self.presume(pending.take());
+            self.commit_unheard();
+        }
         // Before the reply to a commit these are of that grasp. After it the answer was sent again, as the
         // host had missed a part of it: what comes for the first time then is of the last grasp.
         let committing = matches!(pending, Some((_, Command::Commit)));
+        let asking = matches!(pending, Some((_, Command::Query(Topic::Estimate))));
+        let asks_mode = matches!(pending, Some((_, Command::Query(Topic::Mode(_)))));
         match received.frame.message {
             Report::Hello(hello) => self.rest.hello = Some(hello),
             Report::Health(health) => self.rest.health = Some(health),
             Report::Estimate(_) | Report::Felt(_) if received.arrival == Arrival::Doubled => {}
-            Report::Estimate(estimate) if committing => self.estimate = Some(estimate),
-            Report::Estimate(estimate) => self.estimated(&estimate),
-            Report::Mode(frame) => self.mode(&frame),
+            Report::Estimate(estimate) => {
+                // Of another grasp than the last: its commit was lost.
+                let next = u64::from(estimate.grasp) + 1;
+                let another = next > self.due || (is_new && next < self.due);
+                if committing || (another && !asking) {
+                    self.estimate = Some(estimate);
+                } else {
+                    self.estimated(&estimate);
+                }
+            }
+            // Of the last grasp, unless its commit may be missing.
+            Report::Mode(frame) if self.earlier.is_empty() && (asks_mode || !is_new) => {
+                self.mode(&frame);
+            }
+            Report::Mode(_) => {}
             Report::Face(_) | Report::Contact(_) | Report::Finger(_) | Report::Choice(_) => {}
-            Report::Felt(frame) if committing => self.felt.push(frame),
+            Report::Felt(frame) if committing || is_new => self.felt.push(frame),
             Report::Felt(frame) => {
                 let contact = self.logged(&frame);
                 if let Some((grasp, _)) = &mut self.done {
@@ -285,6 +393,16 @@ impl<S: Bridge + WireSpace> Collector<'_, S> {
             Report::Reply(reply) => match pending.take_if(|(sequence, _)| *sequence == reply.to) {
                 Some((_, command)) if reply.refusal.is_none() => self.obeyed(command),
                 Some(_) => self.rest.refused += 1,
+                // To a command that was lost, and so was the end of the answer to the pending commit, if one is.
+                None if is_new && committing && self.is_of_due() => self.presume(pending.take()),
+                // To a commit that was lost.
+                None if is_new && self.is_committed() => {
+                    let answer = (self.estimate.take(), std::mem::take(&mut self.felt));
+                    self.presume(pending.take());
+                    self.follow(reply.to);
+                    (self.estimate, self.felt) = answer;
+                    self.commit();
+                }
                 None => {}
             },
         }
@@ -358,37 +476,90 @@ impl<S: Bridge + WireSpace> Collector<'_, S> {
     /// A board that forgets starts a new log: the last object is what a recording is of.
     fn forget(&mut self) {
         self.tell();
-        self.grasp = empty_grasp(0);
+        self.grasp = LoggedGrasp::default();
+        self.earlier.clear();
+        self.due = 0;
         self.estimate = None;
         self.felt.clear();
+        self.rest.left_out = LeftOut::default();
         (self.hear)(Heard::Forgotten);
     }
 
     /// Nothing more will come about the last grasp.
     fn tell(&mut self) {
         if let Some((grasp, estimate)) = self.done.take() {
+            if let Some(RecordedEstimate { contacts: [used, rejected, _], .. }) = estimate {
+                let counted = u64::from(used) + u64::from(rejected);
+                self.rest.left_out.contacts += counted.saturating_sub(grasp.contacts.len() as u64);
+            }
             (self.hear)(Heard::Grasp(Box::new(grasp), estimate));
         }
     }
 
+    /// The board counts another grasp. Where something of what was told before was lost, its number says whose
+    /// that was; without it only what was told last is certainly this grasp's.
     fn commit(&mut self) {
-        self.tell();
-        for frame in std::mem::take(&mut self.felt) {
-            self.grasp.contacts.push(self.logged(&frame));
+        let estimate = self.estimate.take();
+        let felt = std::mem::take(&mut self.felt);
+        let last = std::mem::take(&mut self.grasp);
+        let counted = estimate.as_ref().map(|estimate| u64::from(estimate.grasp));
+        if counted.is_some_and(|number| number < self.due) {
+            // That the board was told to begin anew was lost.
+            self.forget();
         }
-        let next = self.grasp.index + 1;
-        let mut grasp = std::mem::replace(&mut self.grasp, empty_grasp(next));
-        grasp.time = Some(self.rest.duration.as_secs_f64());
-        self.done = Some((grasp, None));
-        if let Some(estimate) = self.estimate.take() {
+        let mut earlier = std::mem::take(&mut self.earlier);
+        let is_torn = !earlier.is_empty();
+        let mut grasp = match counted {
+            Some(number) if number == self.due => joined(earlier, last),
+            Some(_) => {
+                // Where nothing was seen to be lost in between, it was lost after all that was told; a recording
+                // may begin with any grasp.
+                let last = if is_torn || self.due == 0 {
+                    last
+                } else {
+                    let time = Some(self.heard_at.as_secs_f64());
+                    earlier.push(LoggedGrasp { time, ..last });
+                    LoggedGrasp::default()
+                };
+                if let Some(first) = earlier.into_iter().next().filter(tells) {
+                    self.add(first, self.due, true);
+                }
+                last
+            }
+            // Since which grasp the motion is, is not known.
+            None if is_torn => LoggedGrasp { motion: None, ..last },
+            None => last,
+        };
+        grasp.contacts.extend(felt.iter().map(|frame| self.logged(frame)));
+        grasp.time = Some(self.heard_at.as_secs_f64());
+        self.add(grasp, counted.unwrap_or(self.due), is_torn);
+        if let Some(estimate) = estimate {
             self.estimated(&estimate);
         }
     }
 
+    /// The grasp of this number, of which something may have been lost.
+    fn add(&mut self, mut grasp: LoggedGrasp, number: u64, is_torn: bool) {
+        self.tell();
+        let skipped = number.saturating_sub(self.due);
+        self.rest.left_out.grasps += skipped;
+        if skipped > 0 {
+            grasp.motion = None;
+        }
+        if self.due > 0 && grasp.motion.is_none() && (is_torn || skipped > 0) {
+            self.rest.left_out.motions.push(number);
+        }
+        grasp.index = number;
+        self.due = number + 1;
+        self.done = Some((grasp, None));
+    }
+
     /// What the board made of the last grasp, if that is not known yet.
     fn estimated(&mut self, estimate: &EstimateFrame<S>) {
-        let time = self.rest.duration;
-        if let (Some((_, told @ None)), Some(pose)) = (&mut self.done, estimate.pose()) {
+        let time = self.heard_at;
+        if let (Some((grasp, told @ None)), Some(pose)) = (&mut self.done, estimate.pose())
+            && grasp.index == u64::from(estimate.grasp)
+        {
             *told = Some(RecordedEstimate {
                 time,
                 grasp: estimate.grasp,
@@ -404,66 +575,3 @@ impl<S: Bridge + WireSpace> Collector<'_, S> {
         }
     }
 }
-
-impl RecordedEstimate {
-    fn to_json(&self, dimension: usize) -> Value {
-        let pose = |pose: &Pose| {
-            let t = pose.translation.vector;
-            let q = pose.rotation.coords;
-            match dimension {
-                2 => json!({ "translation": [t.x, t.y], "rotation": space::angle(pose) }),
-                _ => json!({ "translation": [t.x, t.y, t.z], "rotation": [q.x, q.y, q.z, q.w] }),
-            }
-        };
-        let modes = self.modes.iter().map(|(p, weight)| {
-            let mut mode = pose(p);
-            mode["weight"] = json!(weight);
-            mode
-        });
-        json!({
-            "pose": pose(&self.pose), "modes": modes.collect::<Vec<_>>(),
-            "deviations": self.deviations, "effective_particles": self.effective_particles,
-            "corrected": self.corrected, "status": self.status.name(),
-        })
-    }
-}
-
-impl Replayed {
-    /// Writes one line per estimate: grasp, time (s), position (m), rotation (radians or quaternion
-    /// x, y, z, w), standard deviations in object axes (m, rad), counts.
-    ///
-    /// # Errors
-    /// When the writer fails.
-    pub fn write_csv(&self, writer: &mut (impl Write + ?Sized)) -> io::Result<()> {
-        let counts = "effective_particles,contacts,rejected,dropped,corrected,resampled,status";
-        let planar = self.log.dimension == 2;
-        if planar {
-            writeln!(writer, "grasp,time,x,y,angle,sd_x,sd_y,sd_angle,{counts}")?;
-        } else {
-            let sd = "sd_x,sd_y,sd_z,sd_rx,sd_ry,sd_rz";
-            writeln!(writer, "grasp,time,x,y,z,qx,qy,qz,qw,{sd},{counts}")?;
-        }
-        for e in &self.estimates {
-            let t = e.pose.translation.vector;
-            let q = e.pose.rotation.coords;
-            write!(writer, "{},{:.6},", e.grasp, e.time.as_secs_f64())?;
-            if planar {
-                write!(writer, "{:.6},{:.6},{:.6}", t.x, t.y, space::angle(&e.pose))?;
-            } else {
-                write!(writer, "{:.6},{:.6},{:.6},", t.x, t.y, t.z)?;
-                write!(writer, "{:.6},{:.6},{:.6},{:.6}", q.x, q.y, q.z, q.w)?;
-            }
-            for deviation in &e.deviations {
-                write!(writer, ",{deviation:.6}")?;
-            }
-            let [contacts, rejected, dropped] = e.contacts;
-            write!(writer, ",{},{contacts},{rejected},{dropped}", e.effective_particles)?;
-            let (corrected, resampled) = (u8::from(e.corrected), u8::from(e.resampled));
-            writeln!(writer, ",{corrected},{resampled},{}", e.status.name())?;
-        }
-        Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests;

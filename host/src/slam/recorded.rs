@@ -215,6 +215,7 @@ impl Recorded {
         if bad > 0 {
             missing.push(format!("{bad} frames of the link were damaged and are left out."));
         }
+        missing.extend(rest.left_out.sentences());
         if count == 0 {
             missing.push("There is no whole grasp in the recording.".into());
         }

@@ -28,7 +28,7 @@ fn round_numbers_stay_round() {
 }
 
 /// A few grasps of a planar object through a board, every frame a piece.
-fn recorded() -> Recording {
+pub(super) fn recorded() -> Recording {
     recorded_with(|settings| settings)
 }
 
@@ -46,7 +46,7 @@ fn recorded_with(change: impl Fn(Settings) -> Settings) -> Recording {
 }
 
 /// Where the pieces with these commands are.
-fn places(recording: &Recording, is: impl Fn(&Command<Planar>) -> bool) -> Vec<usize> {
+pub(super) fn places(recording: &Recording, is: impl Fn(&Command<Planar>) -> bool) -> Vec<usize> {
     let mut decoder = Decoder::<Command<Planar>>::new();
     let mut found = |piece: &Piece| {
         let (taken, _) = decoder.take(&piece.bytes);
