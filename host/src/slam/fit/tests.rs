@@ -16,7 +16,7 @@ pub(crate) fn touched(
 }
 
 /// The same of which such a share is wild.
-fn touched_of(
+pub(crate) fn touched_of(
     object: &str,
     contacts: usize,
     outliers: f64,

@@ -84,17 +84,23 @@ fn wild(dimension: usize, radius: f64, contact: &Contact) -> f64 {
 mod tests {
     use super::*;
     use crate::slam::choose::Choice;
+    use crate::slam::fit::tests::touched_of;
     use crate::slam::reconstruct::{Poses, shape};
     use crate::slam::sift::tests::{felt, hausdorff};
 
-    /// An outline that is neither flat nor of few numbers, as an object's text.
-    fn peanut() -> String {
+    /// An outline whose radius differs by such a part of it at each angle, as an object's text.
+    fn outline(radius: f64, part: impl Fn(f64) -> f64) -> String {
         let corner = |i: u32| {
             let angle = f64::from(i) * std::f64::consts::TAU / 60.0;
-            let radius = 0.04 * (1.0 + 0.3 * (2.0 * angle).cos() + 0.05 * (3.0 * angle).sin());
+            let radius = radius * (1.0 + part(angle));
             format!("{:.5}x{:.5}", radius * angle.cos(), radius * angle.sin())
         };
         format!("corners:{}", (0..60).map(corner).collect::<Vec<_>>().join(","))
+    }
+
+    /// Neither flat nor of few numbers.
+    fn peanut() -> String {
+        outline(0.04, |angle| 0.3 * (2.0 * angle).cos() + 0.05 * (3.0 * angle).sin())
     }
 
     #[test]
@@ -132,15 +138,17 @@ mod tests {
 
     #[test]
     fn a_smooth_shape_is_made_without_wild_contacts() {
-        let peanut = peanut();
-        let mut errors: Vec<f64> = Vec::new();
-        for seed in 0..3 {
-            let (dimension, contacts, _) = felt(&peanut, seed, 0.1);
+        let kidney = outline(0.045, |angle| {
+            0.35 * (2.0 * angle).cos() + 0.22 * angle.sin() + 0.06 * (3.0 * angle).sin()
+        });
+        for seed in [24, 26] {
+            let (dimension, contacts, _) = touched_of(&kidney, 25, 0.1, seed);
             let (poses, auto) = (Poses::Known, Choice::Auto);
             let made = shape(dimension, &contacts, &[], poses, auto, &|_, _| {}).unwrap();
-            errors.push(hausdorff(&made.geometry, &peanut));
+            let error = hausdorff(&made.geometry, &kidney);
+            // With the wild ones, 16 and 17 mm.
+            assert!(error < 5e-3, "{seed}: {error}");
         }
-        assert!(errors.iter().all(|error| *error < 6e-3), "{errors:?}");
     }
 
     #[test]
