@@ -87,23 +87,23 @@ impl<P: Sampler> Watched<P> {
             self.since = now;
         }
         self.polled = now;
-        match self.stage {
-            Stage::Failed if now.wrapping_sub(self.since) < RETRY_US => {
-                // A frame that nobody fetches would keep the bus from the other sensors.
-                if self.sensor.is_under_way() {
-                    let _late = self.sensor.poll();
-                }
-                return Ok(None);
-            }
-            Stage::New | Stage::Failed => {
-                (self.stage, self.since) = (Stage::Failed, now);
-                self.begun = None;
-                self.sensor.start()?;
-                self.stage = Stage::Running;
-            }
-            Stage::Running => {}
+        let rests = self.stage == Stage::Failed && now.wrapping_sub(self.since) < RETRY_US;
+        // A frame that nobody fetches would keep the bus from the other sensors.
+        if rests && !self.sensor.is_under_way() {
+            return Ok(None);
         }
-        let outcome = match self.sensor.poll() {
+        if !rests && self.stage != Stage::Running {
+            (self.stage, self.since) = (Stage::Failed, now);
+            self.begun = None;
+            self.sensor.start()?;
+            self.stage = Stage::Running;
+        }
+        // Called in one place, so that it is compiled into it.
+        let polled = self.sensor.poll();
+        if rests {
+            return Ok(None);
+        }
+        let outcome = match polled {
             Ok(None) if now.wrapping_sub(self.since) >= PATIENCE_US => Err(DriverError::Timeout),
             other => other,
         };
