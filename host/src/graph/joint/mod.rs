@@ -61,9 +61,10 @@ const BLOCK: [usize; 2] = [5, 9];
 const ROUND: usize = 2;
 
 /// The log's steps corrected by faces where the object that they make is to be believed
-/// ([`choose::judge`], or as a box less smaller boxes where contacts lie on no face), or by a round body or superquadric that explains the contacts to their noise and with
-/// fewer numbers; else by the smooth surface of least cost, whether it starts from the tracker's poses, from
-/// those of the faces or from those of a round body, with grasps at other poses where that costs less.
+/// ([`choose::judge`], or as a box less smaller boxes where contacts lie on no face), or by a round body or
+/// superquadric that explains the contacts to their noise and with fewer numbers; else by the smooth surface of
+/// least cost, whether it starts from the tracker's poses, from those of the faces or from those of a round body,
+/// with grasps at other poses where that costs less.
 /// `None` where the tracker's poses stand.
 pub fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
     corrected(log, steps, Effort::default())
