@@ -16,9 +16,9 @@ const FAR: f64 = 0.5;
 /// that are likelier anywhere and of any normal than where the others lead the surface. `None` without contacts, where
 /// they are too many or too coincident for a dense surface, and where those left out are many or agree with one another.
 ///
-/// A surface that is fitted to all follows wild contacts, and its hyper-parameters account for them. So each is judged by
-/// the surface of the others, the strangest goes first, for it makes its neighbours look strange, and the hyper-parameters
-/// are at first what suits most objects and then found from those that are left.
+/// A surface that is fitted to all follows wild contacts, and its hyper-parameters account for them. So each is
+/// judged by the surface of the others, the strangest goes first, for it makes its neighbours look strange, and the
+/// hyper-parameters are at first what suits most objects and then found from those that are left.
 pub fn beside_surface(dimension: usize, contacts: &[Contact]) -> Option<Vec<bool>> {
     let Some(Prior::Ball { radius, .. }) = Prior::fitted(contacts) else { return None };
     let usual = fit::usual(dimension, contacts);
