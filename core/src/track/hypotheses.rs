@@ -352,7 +352,7 @@ impl<
         }
         let mut outcome = Outcome::default();
         let mut felt = grasp.usable();
-        let mut free = grasp.free;
+        let (mut free, mut told) = (grasp.free, 0);
         loop {
             let mut count = 0;
             for (touch, contact) in self.touches.iter_mut().zip(&mut felt) {
@@ -369,7 +369,16 @@ impl<
             outcome.density += part.density;
             if part.lost {
                 outcome.lost = !outcome.corrected;
+                // What no hypothesis explains of a grasp that is explained otherwise is wild.
+                let rest = grasp.usable().skip(told);
+                outcome.dropped = outcome.dropped.saturating_add(rest.clone().count() as u16);
+                outcome.density += rest.map(|c| wild(&c)).sum::<f32>();
                 break;
+            }
+            told += count;
+            // Where a part of it was felt is where the rest of it was.
+            if part.corrected {
+                self.lost = 0;
             }
         }
         if begun {

@@ -422,3 +422,52 @@ fn free_fingers_count_once_however_many_contacts_there_are() {
     let in_turn = other.update(rest, view(&sides[TOUCHES..])).pose;
     assert!(at_once.local(&in_turn).norm() < 1e-5, "{at_once:?} {in_turn:?}");
 }
+
+/// A rectangle that is known, at rest at the origin.
+fn known_rectangle() -> (Polygon, Box<Plane2>) {
+    let rectangle = Polygon::rectangle(0.05, 0.02);
+    let mut random = Random::new(5);
+    let mut tracker = Box::new(Plane2::new());
+    for k in 0..8 {
+        let at = PlanarPose::IDENTITY;
+        tracker.update(Some(&at), view(&rectangle.grasp(&at, k, &mut random)));
+    }
+    (rectangle, tracker)
+}
+
+#[test]
+fn the_rest_of_a_large_grasp_is_where_a_lost_object_was_found_again() {
+    let (rectangle, mut tracker) = known_rectangle();
+    let rest = Some(&PlanarPose::IDENTITY);
+    // Nothing like it: a corner from inside.
+    let strange: Vec<_> = (0..6)
+        .map(|i| contact(Vector([0.2, 0.01 * i as f32]), Vector([0.0, [1.0, -1.0][i % 2]])))
+        .collect();
+    assert_eq!(tracker.update(rest, view(&strange)).status, Status::Lost);
+    let moved = PlanarPose::new(Vector([0.03, -0.02]), 0.5);
+    let all_around: Vec<_> = (0..2 * TOUCHES)
+        .map(|i| rectangle.at(i % 4, 0.3 + 0.01 * i as f32))
+        .map(|(p, n)| contact(moved.transform(p), moved.rotate(n)))
+        .collect();
+    let mut other = tracker.clone();
+    let at_once = tracker.update(rest, view(&all_around));
+    assert_eq!((at_once.status, at_once.dropped), (Status::Tracking, 0));
+    other.update(rest, view(&all_around[..TOUCHES]));
+    other.set_motion_noise(MotionNoise { translation: 0.0, rotation: 0.0 });
+    let in_turn = other.update(rest, view(&all_around[TOUCHES..]));
+    assert!(at_once.pose.local(&in_turn.pose).norm() < 1e-5, "{at_once:?} {in_turn:?}");
+}
+
+#[test]
+fn what_nobody_explains_of_a_large_grasp_is_dropped() {
+    let (rectangle, mut tracker) = known_rectangle();
+    let mut contacts: Vec<_> = (0..TOUCHES)
+        .map(|i| rectangle.at(i % 4, 0.3 + 0.02 * i as f32))
+        .map(|(p, n)| contact(p, n))
+        .collect();
+    contacts.extend(
+        (0..7).map(|i| contact(Vector([0.3, 0.01 * i as f32]), Vector([0.0, [1.0, -1.0][i % 2]]))),
+    );
+    let estimate = tracker.update(Some(&PlanarPose::IDENTITY), view(&contacts));
+    assert_eq!((estimate.status, estimate.dropped), (Status::Tracking, 7));
+}
