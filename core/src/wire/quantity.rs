@@ -91,7 +91,7 @@ pub trait WireSpace: Space {
     fn unpack_normal(normal: Self::Normal) -> Self::Vector;
     /// A pose to its numbers.
     fn pack_pose(pose: &Self::Pose) -> Self::Numbers;
-    /// The pose, or `None` when a number is not finite.
+    /// The pose, or `None` when a number is not finite or a quaternion not of unit length (within 1 %).
     fn unpack_pose(numbers: Self::Numbers) -> Option<Self::Pose>;
 }
 
@@ -175,9 +175,10 @@ impl WireSpace for Spatial {
     }
 
     fn unpack_pose(n: [f32; 7]) -> Option<SpatialPose> {
-        n.iter()
-            .all(|v| v.is_finite())
-            .then(|| SpatialPose::new(Vector([n[0], n[1], n[2]]), [n[3], n[4], n[5], n[6]]))
+        let [x, y, z, quaternion @ ..] = n;
+        let square: f32 = quaternion.iter().map(|v| v * v).sum();
+        let known = [x, y, z].iter().all(|v| v.is_finite()) && (square - 1.0).abs() <= 0.02;
+        known.then(|| SpatialPose::new(Vector([x, y, z]), quaternion))
     }
 }
 
@@ -226,5 +227,10 @@ mod tests {
         // No angle by which anything could be turned.
         assert!(Planar::unpack_pose([0.0, 0.0, 3e5]).is_none());
         assert!(Planar::unpack_pose([0.0, 0.0, -1e5]).is_some());
+        // No rotation.
+        for q in [0.0, 0.9, 1.1, 1e30, f32::NAN] {
+            assert!(Spatial::unpack_pose([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, q]).is_none());
+        }
+        assert!(Spatial::unpack_pose([0.0, 0.0, 0.0, 0.6, 0.0, 0.0, 0.8001]).is_some());
     }
 }
