@@ -124,11 +124,43 @@ impl<L: Link> Link for Faulty<L> {
             let raw = raw.get(..count).unwrap_or(&[]);
             self.ready =
                 self.incoming.pass(raw, &self.faults, &mut self.random, &mut self.injected);
+            // The other side may never fall silent, and every frame of it may be lost.
+            if self.ready.is_empty() && left.is_zero() {
+                return Ok(0);
+            }
         }
         let count = bytes.len().min(self.ready.len());
         for (byte, ready) in bytes.iter_mut().zip(self.ready.drain(..count)) {
             *byte = ready;
         }
         Ok(count)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Never falls silent.
+    struct Chatter;
+
+    impl Link for Chatter {
+        fn send(&mut self, _bytes: &[u8]) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn receive(&mut self, bytes: &mut [u8], _timeout: Duration) -> io::Result<usize> {
+            bytes.fill(0);
+            Ok(bytes.len())
+        }
+    }
+
+    #[test]
+    fn a_link_that_loses_everything_is_given_up_in_time() {
+        let faults = Faults { drop: 1.1, ..Faults::default() };
+        let mut link = Faulty::new(Chatter, faults, 1);
+        let count = link.receive(&mut [0; 8], Duration::from_millis(5));
+        assert_eq!(count.ok(), Some(0));
+        assert!(link.injected() > 0);
     }
 }
