@@ -243,7 +243,8 @@ fn trace(
     let mut child = Command::new("timeout")
         .arg(limit.as_secs().max(1).to_string())
         .args([qemu::EMULATOR, "-machine", machine.qemu(), "-display", "none"])
-        .args(["-monitor", "none", "-serial", "null", "-singlestep", "-d", "exec,nochain"])
+        .args(["-monitor", "none", "-serial", "null", "-d", "exec,nochain"])
+        .args(qemu::one_by_one()?)
         .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
         .arg(elf)
         .stdin(Stdio::null())
@@ -251,16 +252,19 @@ fn trace(
         .stderr(Stdio::piped())
         .spawn()
         .map_err(FirmwareError::io("start QEMU"))?;
-    let tallies = match child.stderr.take() {
+    let (tallies, said) = match child.stderr.take() {
         Some(log) => read(program, log).map_err(FirmwareError::io("read QEMU's trace"))?,
-        None => Vec::new(),
+        None => Default::default(),
     };
     let status = child.wait().map_err(FirmwareError::io("wait for QEMU"))?;
-    if status.success() { Ok(tallies) } else { Err(FirmwareError::Stopped(status.to_string())) }
+    let stopped = || FirmwareError::Stopped(format!("{status} {said}").trim_end().into());
+    if status.success() { Ok(tallies) } else { Err(stopped()) }
 }
 
-/// Lines of the log are `Trace 0: 0x7f… [cs_base/pc/flags/cflags] name`.
-fn read(program: &Program, log: impl Read) -> std::io::Result<Vec<Tally>> {
+/// Lines of the log are `Trace 0: 0x7f… [cs_base/pc/flags/cflags] name`. Also the last line that is
+/// none of them: why QEMU gave up, if it did.
+fn read(program: &Program, log: impl Read) -> std::io::Result<(Vec<Tally>, String)> {
+    let mut said = String::new();
     let (mut known, mut tallies) = (HashMap::new(), Vec::new());
     let mut counting: Option<Tally> = None;
     let (mut log, mut line) = (BufReader::new(log), Vec::new());
@@ -269,6 +273,9 @@ fn read(program: &Program, log: impl Read) -> std::io::Result<Vec<Tally>> {
             let pc = line.strip_prefix("Trace")?.split_once('[')?.1.split('/').nth(1)?;
             u32::from_str_radix(pc, 16).ok()
         });
+        if address.is_none() {
+            said = String::from_utf8_lossy(&line).trim().to_owned();
+        }
         line.clear();
         let Some(address) = address else { continue };
         let entry = known.entry(address).or_insert_with(|| program.at(address));
@@ -282,7 +289,7 @@ fn read(program: &Program, log: impl Read) -> std::io::Result<Vec<Tally>> {
             tally.add(address, instruction);
         }
     }
-    Ok(tallies)
+    Ok((tallies, said))
 }
 
 /// The image's lines, each count followed by its cycles. The first two tallies are those by which

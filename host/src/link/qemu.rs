@@ -84,13 +84,40 @@ impl Qemu {
 
 fn find_emulator() -> Result<(), FirmwareError> {
     let path = env::var_os("PATH").unwrap_or_default();
-    if env::split_paths(&path).any(|d| d.join(EMULATOR).is_file()) {
-        return Ok(());
+    let needed =
+        [(EMULATOR, "`apt-get install qemu-system-arm`"), ("timeout", "install GNU coreutils")];
+    for (what, remedy) in needed {
+        if !env::split_paths(&path).any(|d| d.join(what).is_file()) {
+            return Err(FirmwareError::Missing { what, remedy });
+        }
     }
-    Err(FirmwareError::Missing {
-        what: "qemu-system-arm",
-        remedy: "`apt-get install qemu-system-arm`",
-    })
+    Ok(())
+}
+
+/// What makes the emulator translate instructions one by one, so that its log has every one: the
+/// option was renamed in QEMU 8.1, and the old name dropped in 9.0.
+pub(super) fn one_by_one() -> Result<&'static [&'static str], FirmwareError> {
+    find_emulator()?;
+    let output = Command::new(EMULATOR)
+        .arg("--version")
+        .output()
+        .map_err(FirmwareError::io("ask QEMU for its version"))?;
+    Ok(option_of(&String::from_utf8_lossy(&output.stdout)))
+}
+
+/// By what `--version` says: `QEMU emulator version 8.2.2 (…)`.
+fn option_of(version: &str) -> &'static [&'static str] {
+    let mut numbers = version
+        .split_once("version ")
+        .map_or("", |(_, numbers)| numbers)
+        .split(|c: char| !c.is_ascii_digit())
+        .map(|number| number.parse::<u32>().unwrap_or(0));
+    let version = (numbers.next().unwrap_or(0), numbers.next().unwrap_or(0));
+    if ((1, 0)..(8, 1)).contains(&version) {
+        &["-singlestep"]
+    } else {
+        &["-accel", "tcg,one-insn-per-tb=on"]
+    }
 }
 
 /// Waits for the emulator to connect.
@@ -177,4 +204,25 @@ pub fn run(
         _ => String::from_utf8_lossy(&output.stderr).trim().to_owned(),
     };
     Err(FirmwareError::Stopped(format!("{reason}\n{printed}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::option_of;
+
+    #[test]
+    fn the_option_is_that_of_the_version() {
+        for (version, option) in [
+            (
+                "QEMU emulator version 7.2.22 (Debian 1:7.2+dfsg-7+deb12u18)\nCopyright",
+                "-singlestep",
+            ),
+            ("QEMU emulator version 8.0.5", "-singlestep"),
+            ("QEMU emulator version 8.1.0", "-accel"),
+            ("QEMU emulator version 10.0.2 (v10.0.2)", "-accel"),
+            ("something else", "-accel"),
+        ] {
+            assert_eq!(option_of(version)[0], option, "{version}");
+        }
+    }
 }
