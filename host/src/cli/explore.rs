@@ -95,7 +95,7 @@ pub struct ExploreArgs {
           value_parser = quantity::deviation, allow_hyphen_values = true)]
     contact_noise: Deviation,
     /// Who follows a moving object
-    #[arg(long, value_enum, default_value_t = Kind::Hypotheses, requires = "moving")]
+    #[arg(long, value_enum, default_value_t = Kind::Automatic, requires = "moving")]
     tracker: Kind,
     /// What corrects all poses together, after the tracker
     #[arg(long, value_enum, default_value_t = graph::Kind::Planes, requires = "moving")]
@@ -217,6 +217,13 @@ fn check(args: &ExploreArgs) -> Result<(), Error> {
         if is_idle {
             return Err(Error::Input(format!("{option} has a meaning only with {other}")));
         }
+    }
+    if matches!(args.until, Until::Gain(_)) && !args.criterion.is_in_nats() {
+        return Err(Error::Input(format!(
+            "--until {}: expected a criterion that counts in nats, found --criterion {}",
+            args.until,
+            name(args.criterion)
+        )));
     }
     Ok(())
 }
@@ -361,6 +368,16 @@ fn adviser<S: Bridge + WireSpace>(
             )));
         }
     };
+    if args.hand != HandName::Idealised {
+        return Err(Error::Input(
+            "--board: expected --hand idealised, a board knows of straight strokes only".into(),
+        ));
+    }
+    if args.candidates == Kinds::Clusters {
+        return Err(Error::Input(format!(
+            "--board: expected --candidates fixed or continuous, areas may offer more than {MOST}"
+        )));
+    }
     if args.candidates == Kinds::Continuous && args.count() > MOST {
         return Err(Error::Input(format!(
             "--board: expected --candidates fixed or --count up to {MOST}, found {}",

@@ -104,7 +104,7 @@ pub fn drawn(
             .map(|_| {
                 let pick = ((random.unit() * places.len() as f64) as usize).min(places.len() - 1);
                 let (place, normal) = places[pick];
-                let askew = random.direction(3) * (ASKEW.tan() * random.unit());
+                let askew = random.direction(3) * (ASKEW.sin() * random.unit());
                 let mut back = (normal + askew).try_normalize(1e-6).unwrap_or(normal);
                 if belief.table.is_some() {
                     // Nothing comes from below the table.

@@ -45,6 +45,20 @@ pub(super) struct Choice {
     pub gains: Vec<f64>,
 }
 
+impl Choice {
+    /// The most that any candidate promises, nats: by the `criterion` here, or where somebody else chose,
+    /// by what they say of their choice. `None` where nothing is promised in nats.
+    pub(super) fn promised(&self, criterion: Criterion, is_advised: bool) -> Option<f64> {
+        if !criterion.is_in_nats() {
+            None
+        } else if is_advised {
+            self.grasps.first()?.1
+        } else {
+            self.gains.iter().copied().reduce(f64::max)
+        }
+    }
+}
+
 /// The grasps among which to choose, object frame. What could not be reached before cannot be reached
 /// now, as far as is known.
 pub(super) fn candidates(
@@ -113,12 +127,17 @@ pub(super) fn choose(
             return draw(if open.is_empty() { &any } else { &open }, random);
         }
         (_, About::Chance) => return draw(&any, random),
-        (_, About::Pose) if tracked_deviation(belief, steps) < UNCERTAIN => Criterion::VarianceSum,
+        (_, About::Pose) if tracked_deviation(belief, steps) < UNCERTAIN => match settings.until {
+            // What is to be compared with nats has to be in nats.
+            Until::Gain(_) => Criterion::Information,
+            _ => Criterion::VarianceSum,
+        },
         (criterion, _) => criterion,
     };
     let prediction = foresee(belief, candidates);
+    let is_planned = settings.planning.batch > 1 || settings.planning.lookahead;
     let gains = match (criterion, settings.pose, settings.tracker) {
-        (Criterion::Both, Some(tolerance), Some(_)) => {
+        (Criterion::Both, Some(tolerance), Some(_)) if !is_planned => {
             both(belief, settings.until, candidates, &prediction, &tolerance)
         }
         _ => criterion.worth_of_order(settings.planning.alpha, belief, &prediction),

@@ -24,7 +24,7 @@ pub enum Criterion {
     /// Information about the pose that is left when the shape must be learnt from the same contacts
     Pose,
     /// Information about shape and pose, each with the other unknown: where a pose tolerance is asked
-    /// for, the chance to meet it in place of the second
+    /// for and nothing is planned ahead, the chance to meet it in place of the second
     Both,
     /// Joint differential entropy of the surface at all contacts (4.8–4.10 over a whole grasp)
     Entropy,
@@ -43,7 +43,7 @@ pub enum Criterion {
     MutualInformation,
     /// Expected divergence of the posterior pose from the prior one (4.6)
     Kl,
-    /// Expected fall of log det Σ of the pose (4.21)
+    /// Expected fall of ½ log det Σ of the pose (4.21)
     DetSigma,
     /// Any candidate, each as likely
     Random,
@@ -90,6 +90,12 @@ impl Criterion {
             Criterion::Igef => igef(belief, grasps),
             _ => self.worth(belief, &Prediction::of(&belief.surface, grasps.to_vec())),
         }
+    }
+
+    /// Whether it counts in nats.
+    pub fn is_in_nats(self) -> bool {
+        !matches!(self, Criterion::VarianceSum | Criterion::Variance | Criterion::Igef)
+            && self.about() != About::Chance
     }
 
     /// The same for grasps about whose contacts is known already what the surface says.

@@ -308,6 +308,14 @@ fn run(
                 choice.grasps =
                     advised(adviser, &belief, bench.log(), settings, &candidates, &actions)?;
             }
+            if let Until::Gain(least) = settings.until
+                && localised
+                && choice
+                    .promised(settings.criterion, adviser.is_some())
+                    .is_some_and(|most| most < least)
+            {
+                return Ok(finish(actions, steps, End::NothingToGain));
+            }
             if let Some((first, _)) = choice.grasps.first() {
                 let (candidates, gains) = (&candidates[..], &choice.gains[..]);
                 watch(Event::Chosen { candidates, gains, choice: *first });
@@ -318,12 +326,6 @@ fn run(
         let Some((placement, gain)) = planned.pop_front() else {
             return Ok(finish(actions, steps, End::NoCandidate));
         };
-        if let (Until::Gain(least), Some(gain)) = (settings.until, gain)
-            && gain < least
-            && localised
-        {
-            return Ok(finish(actions, steps, End::NothingToGain));
-        }
         if !decides {
             let (candidates, gains) = ([placement], Vec::from_iter(gain));
             watch(Event::Chosen { candidates: &candidates, gains: &gains, choice: 0 });

@@ -2,7 +2,7 @@
 //! holds possible is taken for the true one in turn, the contacts it would give are weighed under all
 //! of them, and the posterior is compared with the prior (thesis 4.5.2.2).
 
-use nalgebra::{Matrix6, Vector6};
+use nalgebra::{Matrix3, Matrix6, Vector6};
 
 use super::belief::Belief;
 use super::criterion::{root, row};
@@ -10,6 +10,7 @@ use super::entropy::{divergence, renyi, shannon};
 use super::prediction::Prediction;
 use crate::graph::joint::tangent::{local, retract};
 use crate::sim::random::Random;
+use crate::space::Point;
 
 /// Poses drawn from the belief, and how many of them are taken for the true one.
 const POSES: usize = 64;
@@ -48,7 +49,9 @@ pub fn gains(belief: &Belief, prediction: &Prediction, measure: PoseMeasure) -> 
             if rows.is_empty() {
                 return 0.0;
             }
-            expected_gain(&draws, &rows, belief.noise.1, measure, radius)
+            let normals = contacts.iter().map(|e| (e.normal, e.chance));
+            let turns = normals_see(normals, belief.noise.1);
+            expected_gain(&draws, &rows, &turns, measure, radius)
         })
         .collect()
 }
@@ -77,18 +80,23 @@ fn draws(belief: &Belief) -> Vec<Vector6<f64>> {
         .collect()
 }
 
+/// What unit normals with this deviation, radians, say about a turn, each as likely as its chance: nothing
+/// about one about itself.
+fn normals_see(normals: impl Iterator<Item = (Point, f64)>, deviation: f64) -> Matrix3<f64> {
+    let across = |(n, chance): (Point, f64)| (Matrix3::identity() - n * n.transpose()) * chance;
+    normals.map(across).sum::<Matrix3<f64>>() / (deviation * deviation)
+}
+
 fn expected_gain(
     draws: &[Vector6<f64>],
     rows: &[(Vector6<f64>, f64)],
-    normal: f64,
+    turns: &Matrix3<f64>,
     measure: PoseMeasure,
     radius: f64,
 ) -> f64 {
     let n = draws.len();
     let seen: Vec<Vec<f64>> =
         draws.iter().map(|d| rows.iter().map(|(h, _)| h.dot(d)).collect()).collect();
-    let turn = rows.iter().map(|(_, w)| w).fold(0.0, |sum: f64, w| sum + f64::from(*w > 0.0))
-        / (normal * normal);
     let uniform = vec![1.0 / n as f64; n];
     let mut sum = 0.0;
     let step = n.div_ceil(IMAGINED).max(1);
@@ -100,8 +108,8 @@ fn expected_gain(
                 let distances: f64 = (0..rows.len())
                     .map(|i| rows[i].1 * (seen[k][i] - seen[truth][i]).powi(2))
                     .sum();
-                let turned = (draws[k] - draws[truth]).fixed_rows::<3>(3).norm_squared();
-                (-0.5 * (distances + turn * turned)).exp()
+                let turned = (draws[k] - draws[truth]).fixed_rows::<3>(3).into_owned();
+                (-0.5 * (distances + turned.dot(&(turns * turned)))).exp()
             })
             .collect();
         let total: f64 = weights.iter().sum();
@@ -151,6 +159,26 @@ fn log_deviation(draws: &[Vector6<f64>], weights: &[f64], radius: f64) -> f64 {
 mod tests {
     use super::*;
 
+    /// Contacts without normals.
+    const UNSEEN: Matrix3<f64> = Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+
+    #[test]
+    fn normals_say_nothing_of_a_turn_about_themselves() {
+        let turned = |axis: usize| -> Vec<Vector6<f64>> {
+            (0..16).map(|k| Vector6::ith(axis, 0.1 * (k as f64 - 7.5))).collect()
+        };
+        let rows = [(Vector6::ith(2, 1.0), 1e6)];
+        let gain = |axis: usize, turns: &Matrix3<f64>| {
+            expected_gain(&turned(axis), &rows, turns, PoseMeasure::Shannon, 0.05)
+        };
+        let flat = normals_see([(Point::z(), 1.0); 5].into_iter(), 0.09);
+        assert!(gain(3, &flat) > 0.5 && gain(5, &flat).abs() < 1e-9);
+        // In the plane every normal sees the one turn there is; unlikely contacts see less.
+        let planar = |chance| normals_see([(Point::x(), chance)].into_iter(), 0.3);
+        let [sure, unsure] = [1.0, 0.1].map(|chance| gain(5, &planar(chance)));
+        assert!(sure > 1.5 * unsure && unsure > 0.0, "{sure} {unsure}");
+    }
+
     fn line() -> Vec<Vector6<f64>> {
         (0..16).map(|k| Vector6::new(0.002 * (k as f64 - 7.5), 0.0, 0.0, 0.0, 0.0, 0.0)).collect()
     }
@@ -167,7 +195,7 @@ mod tests {
             PoseMeasure::Divergence,
             PoseMeasure::Determinant,
         ] {
-            let [a, b] = [along, across].map(|r| expected_gain(&draws, &r, 0.1, measure, 0.05));
+            let [a, b] = [along, across].map(|r| expected_gain(&draws, &r, &UNSEEN, measure, 0.05));
             assert!(a > 0.5 && b.abs() < 1e-9, "{measure:?}: {a} {b}");
         }
     }
@@ -177,7 +205,7 @@ mod tests {
         let draws = line();
         let rows = [(Vector6::new(1.0, 0.2, 0.0, 0.0, 0.0, 0.0), 1e5)];
         let [a, b] = [PoseMeasure::Shannon, PoseMeasure::Divergence]
-            .map(|m| expected_gain(&draws, &rows, 0.1, m, 0.05));
+            .map(|m| expected_gain(&draws, &rows, &UNSEEN, m, 0.05));
         assert!((a - b).abs() < 1e-9, "{a} {b}");
     }
 }
