@@ -42,6 +42,8 @@ struct Candidate {
     found: Found,
     /// Log probability of the contacts and the parameters.
     evidence: f64,
+    /// Of how many contacts.
+    weighed: usize,
 }
 
 /// Weight below which a surface is left out of the blend.
@@ -118,9 +120,9 @@ pub struct Model {
     pub body: Body,
     /// Factor on the contacts' deviations.
     pub noise: f64,
-    /// Log probability of the contacts and of the parameters; of at most 150 contacts, evenly through
-    /// the list.
-    pub evidence: f64,
+    /// Log probability of the contacts and of the parameters, nats for each of those that chose it: at most
+    /// 150, evenly through the list.
+    pub evidence_per_contact: f64,
 }
 
 impl Model {
@@ -374,7 +376,8 @@ impl Candidate {
         let mean = body.clone();
         let found = search.run(dimension, family, mean, Training::Derivative, contacts, radius)?;
         let evidence = found.log_posterior - body.oddity();
-        Ok(Candidate { body, search, found, evidence }.settled(dimension, contacts))
+        let weighed = contacts.len();
+        Ok(Candidate { body, search, found, evidence, weighed }.settled(dimension, contacts))
     }
 
     /// The same with the parts of its body where these contacts move them, as far as that makes the
@@ -412,7 +415,8 @@ impl Candidate {
 
     fn model(self, dimension: usize, contacts: &[Contact]) -> Model {
         let noise = self.noise(dimension, contacts);
-        Model { kernel: self.found.kernel, body: self.body, noise, evidence: self.evidence }
+        let evidence_per_contact = self.evidence / self.weighed.max(1) as f64;
+        Model { kernel: self.found.kernel, body: self.body, noise, evidence_per_contact }
     }
 }
 

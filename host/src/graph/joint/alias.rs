@@ -36,6 +36,9 @@ const SAME: [f64; 2] = [2e-3, 0.05];
 const TRIED: usize = 6;
 const WORSE: f64 = 25.0;
 
+/// Grasps that are moved together at most.
+const TOGETHER: usize = 48;
+
 /// Something a contact can lie on: a face, or the plane that one contact which no face explains
 /// suggests.
 #[derive(Clone, Copy, Debug)]
@@ -351,7 +354,7 @@ where
             // Back to the numbers of all targets.
             let number = |j: usize| all.iter().position(|t| same_target(t, &others[j]));
             candidate.targets = candidate.targets.iter().map(|t| renamed((*t)?, number)).collect();
-            for until in k..poses.len() {
+            for until in k..poses.len().min(k + TOGETHER) {
                 if until > k {
                     own += cost_at(problem, all, until, &(poses[until] * shift)) - now[until];
                 }

@@ -5,7 +5,7 @@
 //! plausible as it is, errs least in the mean square (Bayesian model averaging over the models in
 //! Occam's window: Madigan & Raftery, Journal of the American Statistical Association 89, 1994).
 
-use nalgebra::{DVector, SVector};
+use nalgebra::{DMatrix, DVector, SVector};
 
 use super::arrow::Inverse;
 use super::problem::State;
@@ -65,13 +65,17 @@ pub fn averaged<const D: usize>(
             covariance.given_faces[k - 1] += inverse.given_faces[k - 1] * *share;
         }
         let off = &apart.faces - &mean_faces;
-        covariance.faces += (&inverse.faces + &off * off.transpose()) * *share;
+        let own = &apart.turned * &inverse.faces * apart.turned.transpose();
+        covariance.faces += (own + &off * off.transpose()) * *share;
     }
 
     let moved = best.state.poses.iter().zip(&means).map(|(pose, mean)| retract(pose, mean));
     let turned = |(face, mean): (&Face, &[f64])| face.retract(dimension, mean);
     let faces = best.state.faces.iter().zip(mean_faces.as_slice().chunks(dimension)).map(turned);
-    let state = State { poses: moved.collect(), faces: faces.collect(), relations: Vec::new() };
+    let faces: Vec<Face> = faces.collect();
+    let told = seen_from(dimension, &best.state.faces, &faces);
+    covariance.faces = &told * &covariance.faces * told.transpose();
+    let state = State { poses: moved.collect(), faces, relations: Vec::new() };
     Some(Averaged { state, covariance })
 }
 
@@ -79,6 +83,8 @@ pub fn averaged<const D: usize>(
 struct Apart<const D: usize> {
     poses: Vec<Tangent>,
     faces: DVector<f64>,
+    /// What the other's changes of its faces are in the tangents of the one's.
+    turned: DMatrix<f64>,
 }
 
 impl<const D: usize> Apart<D> {
@@ -92,6 +98,51 @@ impl<const D: usize> Apart<D> {
             (0..dimension).map(turn)
         });
         let faces = DVector::from_iterator(dimension * from.state.faces.len(), faces);
-        Apart { poses: poses.collect(), faces }
+        let turned = seen_from(dimension, &to.state.faces, &from.state.faces);
+        Apart { poses: poses.collect(), faces, turned }
+    }
+}
+
+/// What turns and offsets of the faces `from` are in the tangents of nearly the same faces `to`: a normal
+/// that turns a little may have other [tangents](Face::tangents), a quarter turn away.
+fn seen_from(dimension: usize, from: &[Face], to: &[Face]) -> DMatrix<f64> {
+    let mut all = DMatrix::identity(dimension * from.len(), dimension * from.len());
+    for (j, (one, other)) in from.iter().zip(to).enumerate() {
+        let [old, new] = [one, other].map(|face| face.tangents(dimension));
+        for i in 0..dimension - 1 {
+            for k in 0..dimension - 1 {
+                all[(dimension * j + i, dimension * j + k)] = new[i].dot(&old[k]);
+            }
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::space::Point;
+
+    #[test]
+    fn turns_stay_what_they_are_in_other_tangents() {
+        // Which of y and z is the least component differs.
+        let face =
+            |y: f64, z: f64| Face { normal: Point::new(1.0, y, z).normalize(), offset: 0.05 };
+        let (one, other) = (face(0.004, 0.005), face(0.005, 0.004));
+        let [old, new] = [one, other].map(|f| f.tangents(3));
+        assert!(old[0].dot(&new[0]).abs() < 0.01, "{old:?} {new:?}");
+        let told = seen_from(3, &[one], &[other]);
+        let covariance =
+            DMatrix::from_row_slice(3, 3, &[4.0, 1.0, 0.5, 1.0, 9.0, 0.2, 0.5, 0.2, 1.0]);
+        let turned = &told * &covariance * told.transpose();
+        let variance = |of: &DMatrix<f64>, tangents: &[Point; 2], along: Point| {
+            let h = DVector::from_vec(vec![tangents[0].dot(&along), tangents[1].dot(&along), 1.0]);
+            (h.transpose() * of * h)[0]
+        };
+        for along in [Point::y(), Point::z(), Point::new(0.0, 3.0, -2.0)] {
+            let (before, after) =
+                (variance(&covariance, &old, along), variance(&turned, &new, along));
+            assert!((before - after).abs() < 0.01 * before, "{along}: {before} {after}");
+        }
     }
 }

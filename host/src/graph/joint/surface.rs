@@ -183,9 +183,10 @@ fn fitted<const D: usize>(problem: &Problem, poses: Vec<Pose>) -> Option<Fitted<
     let trusted = sift::trusted(problem.dimension, &placed);
     let contacts = only(&placed, &trusted);
     let model = model(problem.dimension, &contacts).ok()?;
-    let all = placed.len() as f64 / contacts.len() as f64;
+    // Wild ones are paid for as if they were on the surface, and for being wild besides.
+    let felt = model.evidence_per_contact * placed.len() as f64;
     let wild = WILD * (placed.len() - contacts.len()) as f64;
-    let cost = motions(problem, &poses) - model.evidence * all + wild;
+    let cost = motions(problem, &poses) - felt + wild;
     let covariance = vec![SMatrix::zeros(); poses.len().saturating_sub(1)];
     cost.is_finite().then_some(Fitted { poses, model, trusted, cost, covariance })
 }

@@ -88,7 +88,7 @@ fn what_contacts_contradict_is_no_ball() {
         let ball = Body::ball(dimension, &contacts).unwrap();
         let ball = Candidate::new(dimension, &contacts, 0.05, ball, Search::default()).unwrap();
         let Found { kernel, noise, .. } = ball.found;
-        let about = Model { kernel, body: ball.body, noise, evidence: 0.0 };
+        let about = Model { kernel, body: ball.body, noise, evidence_per_contact: 0.0 };
         let about = about.surface(dimension, &contacts).unwrap();
         let error = |field: &dyn Field| field.values(&truth).iter().map(|v| v * v).sum::<f64>();
         error(&about) / error(&gpis)
