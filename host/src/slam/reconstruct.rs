@@ -354,7 +354,7 @@ fn shape_of(
 /// Whether a box less smaller boxes says more than faces: these show a hollow, and either they were felt by few contacts
 /// each, or one by so few that these may be wild.
 fn are_boxes_first(dimension: usize, contacts: &[Contact]) -> bool {
-    if Found::says_more(dimension, contacts) {
+    if Found::says_more(dimension, &evenly(contacts, FACED)) {
         return true;
     }
     let is_doubtful =
@@ -482,12 +482,23 @@ pub fn place(log: &GraspLog, steps: &[Step]) -> Vec<Placed> {
     placed
 }
 
-/// The contact with the uncertainty of its pose added.
+/// The contact with the uncertainty of its pose added: along the normal, in all directions alike without
+/// one.
 pub(crate) fn doubt(contact: Contact, covariance: &Matrix6<f64>) -> Contact {
-    let Some(n) = contact.normal else { return contact };
-    let m = contact.point.cross(&n);
-    let h = Vector6::new(n.x, n.y, n.z, m.x, m.y, m.z);
-    let along = (h.transpose() * covariance * h)[0].max(0.0);
+    let variance = |n: &Point| {
+        let m = contact.point.cross(n);
+        let h = Vector6::new(n.x, n.y, n.z, m.x, m.y, m.z);
+        (h.transpose() * covariance * h)[0].max(0.0)
+    };
+    let along = match &contact.normal {
+        Some(normal) => variance(normal),
+        // A planar pose has no variance along z.
+        None => {
+            let axes = [Point::x(), Point::y(), Point::z()].map(|axis| variance(&axis));
+            let count = if covariance[(2, 2)] > 0.0 { 3.0 } else { 2.0 };
+            axes.iter().sum::<f64>() / count
+        }
+    };
     // A planar pose turns about one axis only.
     let turns: Vec<f64> = (3..6).map(|i| covariance[(i, i)]).filter(|v| *v > 0.0).collect();
     let turn = turns.iter().sum::<f64>() / turns.len().max(1) as f64;
@@ -551,7 +562,9 @@ pub fn extract_at(
     let Some(&first) = points.first() else { return Err(Error::NoContacts) };
     let low = points.iter().fold(first, |low, p| low.inf(p));
     let high = points.iter().fold(first, |high, p| high.sup(p));
-    let size = (high - low).amax().max(0.01);
+    // As large as what few contacts may leave out, which their noise says.
+    let noise = contacts.iter().map(|c| c.point_deviation).fold(f64::INFINITY, f64::min);
+    let size = (high - low).amax().max((10.0 * noise).clamp(1e-4, 0.01));
     let voters: Vec<Point> = evenly(contacts, VOTING).iter().map(|c| c.point).collect();
     let mut margin = 0.3 * size;
     loop {
