@@ -11,6 +11,7 @@
 
 pub mod baseline;
 pub mod cli;
+pub mod data;
 pub mod dense;
 pub mod experiment;
 pub mod experts;

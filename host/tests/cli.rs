@@ -357,8 +357,8 @@ fn figures_are_numbers_and_pictures() {
 /// Mean distance ≤ 2.5 mm to the true triangle on every recording of real pushes.
 #[test]
 fn real_pushes_give_the_block() {
-    let Some(data) = tactile_host::experiment::data() else {
-        eprintln!("skipped: no recordings in $TACTILE_DATA or ../shared/data");
+    let Some(data) = tactile_host::data::folder() else {
+        eprintln!("skipped: no recordings in $TACTILE_DATA");
         return;
     };
     let bench = Bench::new();

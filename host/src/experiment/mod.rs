@@ -28,7 +28,6 @@ pub mod tracking;
 pub use peak::{forget_peak, peak_memory};
 
 use std::fmt;
-use std::path::PathBuf;
 
 use serde::Serialize;
 
@@ -38,14 +37,6 @@ use crate::slam::choose::Choice;
 use crate::slam::output::{Provenance, conclude};
 use crate::slam::track::Step;
 use crate::view::report::Report;
-
-/// The folder of recordings and meshes that experiments use: `$TACTILE_DATA`, else
-/// `../shared/data` beside the workspace; `None` where neither exists.
-pub fn data() -> Option<PathBuf> {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
-    let folder = std::env::var_os("TACTILE_DATA").map_or_else(|| beside.into(), PathBuf::from);
-    folder.is_dir().then_some(folder)
-}
 
 /// Reconstructs from the poses of `steps` and judges against the truth; `None` when there is nothing
 /// to reconstruct.

@@ -397,11 +397,11 @@ fn false_closures<G: Rigid<D, N>, const D: usize, const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiment::data;
+    use crate::data;
 
     #[test]
     fn a_small_graph_is_found_again() {
-        let data = data();
+        let data = data::folder();
         if data.as_ref().is_none_or(|d| !d.join("g2o").is_dir()) {
             eprintln!("skipped: no pose graphs");
             return;

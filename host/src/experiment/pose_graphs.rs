@@ -15,7 +15,7 @@ use crate::graph::pose::{self, Options, PoseGraph, Rigid, Start};
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The graphs are not part of the project.
-    #[error("pose graphs not found: expected *.g2o in $TACTILE_DATA/g2o or ../shared/data/g2o")]
+    #[error("pose graphs not found: expected *.g2o in $TACTILE_DATA/g2o")]
     NoData,
     /// None is named as wanted.
     #[error("no pose graph in {} is called {wanted}", folder.display())]
@@ -250,11 +250,11 @@ fn row<G: Rigid<D, N>, const D: usize, const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiment::data;
+    use crate::data;
 
     #[test]
     fn small_graphs_end_at_their_known_optimum() {
-        let data = data();
+        let data = data::folder();
         if data.as_ref().is_none_or(|d| !d.join("g2o").is_dir()) {
             eprintln!("skipped: no pose graphs");
             return;

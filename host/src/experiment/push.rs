@@ -13,9 +13,7 @@ use crate::slam::track;
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The recordings are not part of the project.
-    #[error(
-        "push recordings not found: expected */exp_*.txt in $TACTILE_DATA/push or ../shared/data/push"
-    )]
+    #[error("push recordings not found: expected */exp_*.txt in $TACTILE_DATA/push")]
     NoData,
     /// A recording cannot be read.
     #[error(transparent)]

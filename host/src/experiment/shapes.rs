@@ -202,7 +202,7 @@ fn cases(data: Option<&Path>, wanted: &[String]) -> Result<(Vec<Case>, Vec<Strin
     meshes.sort();
     let mut skipped = Vec::new();
     if meshes.is_empty() && (wanted.is_empty() || wanted.iter().any(|w| w.starts_with("ycb"))) {
-        skipped.push("YCB meshes: none in $TACTILE_DATA/ycb or ../shared/data/ycb".into());
+        skipped.push("YCB meshes: none in $TACTILE_DATA/ycb".into());
     }
     for path in meshes {
         let name = path.file_stem().unwrap_or_default().to_string_lossy();

@@ -240,7 +240,7 @@ fn objects(
             Some(path) => {
                 objects.push(Object { name: format!("ycb/{mesh}"), spec: ObjectSpec::Mesh(path) });
             }
-            None => skipped.push(format!("ycb/{mesh}: not in $TACTILE_DATA or ../shared/data")),
+            None => skipped.push(format!("ycb/{mesh}: not in $TACTILE_DATA")),
         }
     }
     if wanted.is_empty() {

@@ -443,7 +443,7 @@ proptest! {
 
 #[test]
 fn real_logs_are_read() {
-    let Some(folder) = crate::log::import::data("mujoco") else { return };
+    let Some(folder) = crate::data::for_test("mujoco") else { return };
     let mut count = 0;
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();

@@ -305,9 +305,9 @@ fn a_table_of_contacts_becomes_a_shape() {
 
 /// Where real recordings of a kind are, or a plain word that there are none.
 fn data(kind: &str) -> Option<PathBuf> {
-    let folder = tactile_host::experiment::data().map(|d| d.join(kind)).filter(|d| d.is_dir());
+    let folder = tactile_host::data::folder().map(|d| d.join(kind)).filter(|d| d.is_dir());
     if folder.is_none() {
-        eprintln!("skipped: no {kind} in $TACTILE_DATA or ../shared/data");
+        eprintln!("skipped: no {kind} in $TACTILE_DATA");
     }
     folder
 }

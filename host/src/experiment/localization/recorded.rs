@@ -76,9 +76,7 @@ pub(super) fn run(
                 let row = recorded(name, &read_mesh(&model)?, &contacts, seeds, reference)?;
                 rows.push(row);
             }
-            None => {
-                skipped.push(format!("{name}: not in $TACTILE_DATA/touch or ../shared/data/touch"))
-            }
+            None => skipped.push(format!("{name}: not in $TACTILE_DATA/touch")),
         }
     }
     Ok(rows)

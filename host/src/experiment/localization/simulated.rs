@@ -86,7 +86,7 @@ fn objects(data: Option<&Path>, skipped: &mut Vec<String>) -> Result<Vec<(String
     meshes.retain(|path| path.extension().is_some_and(|e| e == "ply"));
     meshes.sort();
     if meshes.is_empty() {
-        skipped.push("YCB meshes: none in $TACTILE_DATA/ycb or ../shared/data/ycb".into());
+        skipped.push("YCB meshes: none in $TACTILE_DATA/ycb".into());
     }
     for path in meshes {
         let name = path.file_stem().unwrap_or_default().to_string_lossy();

@@ -18,9 +18,7 @@ use crate::slam::output::{TruthError, true_shape};
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The recordings are not part of the project.
-    #[error(
-        "recordings not found: expected *.jsonl in $TACTILE_DATA/mujoco or ../shared/data/mujoco"
-    )]
+    #[error("recordings not found: expected *.jsonl in $TACTILE_DATA/mujoco")]
     NoData,
     /// No recording has such a name.
     #[error("no recording in mujoco has a name that holds {0:?}")]
@@ -306,7 +304,7 @@ impl fmt::Display for Table {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiment::data;
+    use crate::data;
 
     fn selection(name: &str) -> Selection {
         let contenders = vec![Contender::Oracle, Contender::Odometry];
@@ -336,8 +334,8 @@ mod tests {
 
     #[test]
     fn recordings_show_what_dead_reckoning_loses() {
-        let Some(data) = data() else {
-            eprintln!("skipped: no recordings in $TACTILE_DATA or ../shared/data");
+        let Some(data) = data::folder() else {
+            eprintln!("skipped: no recordings in $TACTILE_DATA");
             return;
         };
         let mut told = Vec::new();

@@ -95,7 +95,7 @@ mod tests {
 
     #[test]
     fn real_fingertip_contacts_are_read() {
-        let Some(folder) = super::super::data("touch/measurements") else { return };
+        let Some(folder) = crate::data::for_test("touch/measurements") else { return };
         for (name, count) in [("measCleaner_exp.off", 75), ("measTetra30_sim.off", 30)] {
             let log = import(&folder.join(name), &Options::default()).unwrap();
             assert_eq!(log.grasps[0].contacts.len(), count);

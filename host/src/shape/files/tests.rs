@@ -1,17 +1,6 @@
 use super::*;
+use crate::data::for_test;
 use crate::shape::mesh::tests::cuboid;
-
-/// The shared data, or `None` with a line that says so.
-fn data(path: &str) -> Option<PathBuf> {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
-    let folder = std::env::var_os("TACTILE_DATA").map_or_else(beside, PathBuf::from);
-    let folder = folder.join(path);
-    if !folder.exists() {
-        eprintln!("skipped: {} is not there", folder.display());
-        return None;
-    }
-    Some(folder)
-}
 
 fn parsed(name: &str, bytes: &[u8]) -> Result<Mesh, String> {
     let folder = tempfile::tempdir().unwrap();
@@ -230,13 +219,13 @@ fn contours_come_back_and_polygons_are_read_from_text_and_json() {
 
 #[test]
 fn shared_meshes_are_read() {
-    if let Some(folder) = data("mujoco") {
+    if let Some(folder) = for_test("mujoco") {
         let mesh = read_mesh(&folder.join("box.ply")).unwrap();
         assert!(mesh.is_watertight() && (mesh.volume() - 0.12 * 0.06 * 0.06).abs() < 1e-9);
         let mesh = read_mesh(&folder.join("sphere.ply")).unwrap();
         assert!(mesh.is_watertight() && mesh.volume() > 0.0);
     }
-    if let Some(folder) = data("ycb") {
+    if let Some(folder) = for_test("ycb") {
         // 60 × 158 × 213 mm, standing askew in its frame.
         let mesh = read_mesh(&folder.join("cracker_box.ply")).unwrap();
         assert_eq!(mesh.triangles().len(), 49900);
@@ -245,7 +234,7 @@ fn shared_meshes_are_read() {
         assert!((0.27..0.31).contains(&diagonal), "{diagonal}");
         assert!((mesh.area() - 0.112).abs() < 0.01, "{}", mesh.area());
     }
-    if let Some(folder) = data("touch/models") {
+    if let Some(folder) = for_test("touch/models") {
         // 10 × 30 × 20 cm.
         let mesh = read_mesh(&folder.join("box.off")).unwrap();
         assert!((mesh.area() - 0.22).abs() < 1e-9);

@@ -243,7 +243,7 @@ fn a_push_without_force_has_no_normal() {
 
 /// The recordings, with their names.
 fn real() -> Option<Vec<(String, Vec<Push>)>> {
-    let folder = super::super::data("push")?;
+    let folder = crate::data::for_test("push")?;
     let mut files: Vec<PathBuf> = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap() {
         let entry = entry.unwrap().path();
