@@ -93,7 +93,11 @@ impl Bench {
         }
         let log = GraspLog {
             dimension,
-            description: format!("explored {}, seed {}", options.object, options.seed),
+            description: format!(
+                "explored {}, seed {}",
+                options.object.without_folders(),
+                options.seed
+            ),
             fingers: hand.fingers(),
             noise: stated(&options),
             shape: match &geometry {

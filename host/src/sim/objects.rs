@@ -340,6 +340,23 @@ impl std::fmt::Display for ObjectSpec {
 }
 
 impl ObjectSpec {
+    /// The same with no more of a file than its name: what is told of it goes to other machines.
+    pub fn without_folders(&self) -> ObjectSpec {
+        let name = |file: &PathBuf| file.file_name().map_or_else(PathBuf::new, PathBuf::from);
+        match self {
+            ObjectSpec::Mesh(file) => ObjectSpec::Mesh(name(file)),
+            ObjectSpec::Polygon(file) => ObjectSpec::Polygon(name(file)),
+            ObjectSpec::Prism { base, height } => {
+                ObjectSpec::Prism { base: Box::new(base.without_folders()), height: *height }
+            }
+            ObjectSpec::Pyramid { base, height, top } => {
+                let base = Box::new(base.without_folders());
+                ObjectSpec::Pyramid { base, height: *height, top: *top }
+            }
+            other => other.clone(),
+        }
+    }
+
     /// 2 or 3.
     pub fn dimension(&self) -> usize {
         match self {

@@ -398,13 +398,7 @@ fn description(options: &Options, grasps: usize) -> String {
         Touch::Hand => "a hand",
         Touch::Uniform => "uniform draws",
     };
-    // Only the name of a file: a log goes to other machines.
-    let object = match object {
-        ObjectSpec::Mesh(file) | ObjectSpec::Polygon(file) => {
-            file.file_name().unwrap_or_default().display().to_string()
-        }
-        other => other.to_string(),
-    };
+    let object = object.without_folders();
     format!(
         "simulated {object}: {grasps} grasps of {contacts} contacts by {touch}, contact noise \
          {contact_noise}, motion noise {motion_noise}, outliers {outliers}, seed {seed}"
