@@ -63,9 +63,10 @@ pub struct LiveArgs {
     /// Write all frames, both ways, to this recording (.tac); an old one stays if no board answers
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// What the board runs; a board behind tcp must have been built so
-    #[arg(long, value_enum, default_value_t = Kind::Bootstrap)]
-    tracker: Kind,
+    /// What the board runs; a board behind tcp must have been built so [default: auto; hypotheses
+    /// with --graph or --sensors; of a board behind tcp whatever it was built with]
+    #[arg(long, value_enum)]
+    tracker: Option<Kind>,
     /// Seed of the board's random numbers
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -78,7 +79,7 @@ pub struct LiveArgs {
           allow_negative_numbers = true)]
     pace: Duration,
     /// Correct all poses together and teach the board what came of it, from eight grasps on, and once
-    /// more at the end; needs a tracker with faces: --tracker hypotheses
+    /// more at the end; needs a tracker with faces, hypotheses
     #[arg(long, value_enum, default_value_t = Correction::None)]
     graph: Correction,
     /// Grasps between two corrections
@@ -87,7 +88,7 @@ pub struct LiveArgs {
     correct_every: usize,
     /// Show the board's fingertips the raw words in the log (of simulate --sensors) instead of telling
     /// it the contacts: it estimates them itself. Takes the image spatial-sensing, whose sensors are
-    /// scripted, and --tracker hypotheses
+    /// scripted, and whose tracker is hypotheses
     #[arg(long, conflicts_with = "graph")]
     sensors: bool,
     /// Folder for the results
@@ -96,6 +97,24 @@ pub struct LiveArgs {
     /// Print the report, and what the board says of itself, as JSON
     #[arg(long)]
     json: bool,
+}
+
+impl LiveArgs {
+    /// What the board has to run; `None` where it may be anything.
+    fn wanted(&self) -> Option<Kind> {
+        let is_faced = self.sensors || self.graph != Correction::None;
+        match &self.port {
+            _ if self.tracker.is_some() => self.tracker,
+            _ if is_faced => Some(Kind::Hypotheses),
+            Port::Tcp(_) => None,
+            Port::Qemu | Port::Virtual => Some(Kind::Automatic),
+        }
+    }
+}
+
+/// Who the report says followed the object.
+fn on_board(tracker: Kind) -> String {
+    format!("{} on the board", tracker.name())
 }
 
 /// Corrections that a board can be taught.
@@ -160,8 +179,10 @@ fn pace(text: &str) -> Result<Duration, String> {
 /// # Errors
 /// Bad input before a board is touched; a board that does not answer; unwritable results.
 pub fn run(args: &LiveArgs) -> Result<(), Error> {
-    if args.graph != Correction::None && args.tracker != Kind::Hypotheses {
-        let name = args.tracker.name();
+    if let Some(other) = args.tracker.filter(|t| *t != Kind::Hypotheses)
+        && args.graph != Correction::None
+    {
+        let name = other.name();
         return Err(Error::Input(format!(
             "--graph: expected --tracker hypotheses; a board cannot teach {name} another's belief"
         )));
@@ -173,15 +194,18 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
     let Input { log, name, truth } = &input;
     let sensors = sensors(args, log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
     let sensors = sensors.as_ref();
-    let tracker = format!("{} on the board", args.tracker.name());
-    let watch = args.view.as_ref().map(|at| Watch::open(at, &input, &tracker)).transpose()?;
+    let expected = match args.wanted() {
+        Some(tracker) => on_board(tracker),
+        None => "the board's own".into(),
+    };
+    let watch = args.view.as_ref().map(|at| Watch::open(at, &input, &expected)).transpose()?;
     let watch = watch.as_ref();
     let fed = if log.dimension == 2 {
         feed::<Planar>(args, log, sensors, watch)
     } else {
         feed::<Spatial>(args, log, sensors, watch)
     }?;
-    let title = input.title();
+    let (title, tracker) = (input.title(), on_board(fed.tracker));
     let start = Instant::now();
     let corrected = match args.graph {
         Correction::Planes => graph::Kind::Planes.correct(log, &fed.steps),
@@ -235,6 +259,8 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
 
 /// What came back.
 struct Fed {
+    /// What the board runs.
+    tracker: Kind,
     steps: Vec<Step>,
     seconds: f64,
     /// Seconds of them that the corrections took.
@@ -248,8 +274,8 @@ fn sensors(args: &LiveArgs, log: &GraspLog) -> Result<Option<Sensors>, Error> {
     if !args.sensors {
         return Ok(None);
     }
-    if args.tracker != Kind::Hypotheses {
-        let name = args.tracker.name();
+    if let Some(other) = args.tracker.filter(|t| *t != Kind::Hypotheses) {
+        let name = other.name();
         return Err(Error::Input(format!(
             "--sensors: expected --tracker hypotheses, no image with sensors carries {name}"
         )));
@@ -274,7 +300,7 @@ fn feed<S: Bridge + WireSpace>(
     let link = match (sensors, &args.port) {
         (Some(_), Port::Virtual) => Ok(virtual_board::start_sensing()),
         (Some(_), Port::Qemu) => emulate_sensing(),
-        _ => connect(&args.port, args.tracker, S::DIMENSION),
+        _ => connect(&args.port, args.wanted().unwrap_or(Kind::Automatic), S::DIMENSION),
     }?;
     match &file {
         None => converse::<S>(link, log, sensors, args, watch),
@@ -327,11 +353,11 @@ fn converse<S: Bridge + WireSpace>(
 ) -> Result<Fed, Error> {
     let start = Instant::now();
     let session = Session::<S, _>::open(link, Patience::default()).map_err(Error::failure)?;
-    let wanted = args.tracker.on_board();
-    if let Some(hello) = session.hello().filter(|h| h.tracker != wanted) {
-        let name = args.tracker.name();
-        let message = format!("--tracker {name}: the board was built with {:?}", hello.tracker);
-        return Err(Error::Input(message));
+    if let Some(wanted) = args.wanted()
+        && let Some(hello) = session.hello().filter(|h| h.tracker != wanted.on_board())
+    {
+        let (name, found) = (wanted.name(), Kind::of_board(hello.tracker).name());
+        return Err(Error::Failure(format!("--tracker {name}: the board was built with {found}")));
     }
     let (mut lessons, mut teaching) = (0, 0.0);
     let progress = Progress::new("board", "grasps");
@@ -394,7 +420,8 @@ fn converse<S: Bridge + WireSpace>(
         }
         text += &format!("\ntaught         {lessons} times what the graph found");
     }
-    Ok(Fed { steps: outcome.steps(), seconds, teaching, board, text })
+    let tracker = Kind::of_board(outcome.hello.tracker);
+    Ok(Fed { tracker, steps: outcome.steps(), seconds, teaching, board, text })
 }
 
 /// Contacts and free points that a grasp had no room for.

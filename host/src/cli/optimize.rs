@@ -37,19 +37,20 @@ pub struct OptimizeArgs {
     out: Option<PathBuf>,
     /// What wrong edges may cost: none (no edge is wrong), huber, cauchy, geman-mcclure, tukey, dcs, or
     /// gnc (wrong edges are found and left out); with :K, an edge counts less from an error of K standard
-    /// deviations on [default of K: what 5 % of good edges exceed]
+    /// deviations on [default of K: what 5 % of good edges exceed, for tukey 1.96 times that; for gnc
+    /// what one in 10 000 exceeds]
     #[arg(long, value_name = "KIND[:K]", default_value = "none")]
     robust: Robust,
     /// Where to start, once [default: the file's poses if they fit their measurements already, else the
     /// cheaper of chordal and file; then the others unless that ends certified; the cheapest is kept]
     #[arg(long, value_enum)]
     init: Option<Start>,
-    /// How to descend
-    #[arg(long, value_enum, default_value_t = Descent::GaussNewton)]
-    method: Descent,
-    /// Steps at most
-    #[arg(long, value_name = "N", default_value_t = 100)]
-    iterations: usize,
+    /// How to descend [default: gauss-newton]
+    #[arg(long, value_enum)]
+    method: Option<Descent>,
+    /// Steps at most [default: 100]
+    #[arg(long, value_name = "N")]
+    iterations: Option<usize>,
     /// Print the result as JSON; initial_chi2 is at the file's poses
     #[arg(long)]
     json: bool,
@@ -94,8 +95,15 @@ pub fn run(args: &OptimizeArgs) -> Result<(), Error> {
     if args.init == Some(Start::File) && !file.has_poses {
         return Err(Error::Input(format!("--init file: {name} has edges alone, no poses")));
     }
-    if args.init.is_some() && args.robust.is_gnc() {
-        return Err(Error::Input("--init: --robust gnc chooses its starts itself".into()));
+    for (option, is_given) in [
+        ("--init", args.init.is_some()),
+        ("--method", args.method.is_some()),
+        ("--iterations", args.iterations.is_some()),
+    ] {
+        if is_given && args.robust.is_gnc() {
+            let message = format!("{option}: --robust gnc chooses its starts and steps itself");
+            return Err(Error::Input(message));
+        }
     }
     let diagnosis = match &file.graph {
         Graph::Planar(graph) => Diagnosis::of(graph),

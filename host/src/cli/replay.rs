@@ -20,7 +20,7 @@ use crate::view::{html, mcap};
 /// Rerun and RViz
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:\n  tactile replay session.tac --to jsonl -o session.jsonl\n  tactile slam session.jsonl\n  tactile replay session.tac --to html -o session.html\n  tactile replay session.tac --to mcap -o session.mcap"
+    after_help = "Example:\n  tactile replay session.tac --to jsonl -o session.jsonl\n  tactile slam session.jsonl\n  tactile replay session.tac --to html\n  tactile replay session.tac --to mcap -o session.mcap"
 )]
 pub struct ReplayArgs {
     /// A recording (.tac) or a grasp log (.jsonl)
@@ -28,9 +28,9 @@ pub struct ReplayArgs {
     /// What to make of it
     #[arg(long, value_enum, default_value_t = Format::Jsonl)]
     to: Format,
-    /// The file to write
+    /// The file to write [default: a new one beside FILE, with the same name and the other ending]
     #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
+    output: Option<PathBuf>,
     /// Show the page in the browser (that `BROWSER` names, else the system's); with --to html
     #[arg(long)]
     open: bool,
@@ -50,6 +50,33 @@ pub enum Format {
     Mcap,
 }
 
+impl Format {
+    /// How a file of it ends.
+    fn ending(self) -> &'static str {
+        match self {
+            Format::Jsonl => "jsonl",
+            Format::Csv => "csv",
+            Format::Html => "html",
+            Format::Mcap => "mcap",
+        }
+    }
+}
+
+/// Where the output goes: one that nobody named replaces nothing.
+fn output(args: &ReplayArgs) -> Result<PathBuf, Error> {
+    if let Some(output) = &args.output {
+        return files::apart(&args.file, output, "--output").map(|()| output.clone());
+    }
+    let output = args.file.with_extension(args.to.ending());
+    if output.exists() {
+        let name = output.display();
+        return Err(Error::Input(format!(
+            "{name}: there is such a file already; expected --output to say where to write"
+        )));
+    }
+    Ok(output)
+}
+
 /// Runs the subcommand.
 ///
 /// # Errors
@@ -60,17 +87,17 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
             "--open: expected --to html, a browser shows nothing else".into(),
         ));
     }
-    files::apart(&args.file, &args.output, "--output")?;
+    let output = &output(args)?;
     let grasps = match args.to {
         // Says itself what is missing, and reads long recordings as they come.
-        Format::Html => page(args),
-        Format::Jsonl => log(args),
-        Format::Csv => table(args),
-        Format::Mcap => film(args),
+        Format::Html => page(args, output),
+        Format::Jsonl => log(args, output),
+        Format::Csv => table(args, output),
+        Format::Mcap => film(args, output),
     }?;
-    tell(format!("{grasps} grasps in {}", args.output.display()))?;
+    tell(format!("{grasps} grasps in {}", output.display()))?;
     if args.open {
-        browser::show(&args.output);
+        browser::show(output);
     }
     Ok(())
 }
@@ -84,7 +111,7 @@ const NAMED: usize = 6;
 
 /// A page shows what there is, and says what there is not: of a file that is neither a log nor a recording,
 /// anything.
-fn page(args: &ReplayArgs) -> Result<u64, Error> {
+fn page(args: &ReplayArgs, output: &Path) -> Result<u64, Error> {
     let scene = match scene(args) {
         Err(error) if args.file.is_file() => {
             let missing = vec![format!("There is nothing to show. {error}")];
@@ -97,8 +124,7 @@ fn page(args: &ReplayArgs) -> Result<u64, Error> {
     for missing in &scene.meta.missing {
         warn(format_args!("{}: {missing}", args.file.display()));
     }
-    write_atomically(&args.output, |out| html::write(&scene, out))
-        .map_err(|e| unwritable(&args.output, e))?;
+    write_atomically(output, |out| html::write(&scene, out)).map_err(|e| unwritable(output, e))?;
     Ok(scene.grasps.iter().map(|g| g.merged).sum())
 }
 
@@ -151,16 +177,16 @@ fn read(file: &Path) -> Result<Replayed, Error> {
     Ok(replayed)
 }
 
-fn log(args: &ReplayArgs) -> Result<u64, Error> {
+fn log(args: &ReplayArgs, output: &Path) -> Result<u64, Error> {
     let log = match is_log(&args.file) {
         true => GraspLog::read(&args.file).map_err(Error::input)?,
         false => read(&args.file)?.log,
     };
-    log.write(&args.output).map_err(Error::input)?;
+    log.write(output).map_err(Error::input)?;
     Ok(log.grasps.len() as u64)
 }
 
-fn table(args: &ReplayArgs) -> Result<u64, Error> {
+fn table(args: &ReplayArgs, output: &Path) -> Result<u64, Error> {
     if is_log(&args.file) {
         return Err(Error::Input(format!(
             "{}: expected a recording (.tac), found a grasp log: it has no estimates to tabulate",
@@ -168,19 +194,19 @@ fn table(args: &ReplayArgs) -> Result<u64, Error> {
         )));
     }
     let replayed = read(&args.file)?;
-    write_atomically(&args.output, |writer| replayed.write_csv(writer))
-        .map_err(|e| unwritable(&args.output, e))?;
+    write_atomically(output, |writer| replayed.write_csv(writer))
+        .map_err(|e| unwritable(output, e))?;
     Ok(replayed.log.grasps.len() as u64)
 }
 
 /// What a page says is missing is said here.
-fn film(args: &ReplayArgs) -> Result<u64, Error> {
+fn film(args: &ReplayArgs, output: &Path) -> Result<u64, Error> {
     if is_log(&args.file) {
-        return film_of_log(args);
+        return film_of_log(args, output);
     }
     let progress = Progress::new("writing", "MB");
     let (mut filmed, mut unreadable) = (None, None);
-    let written = write_atomically(&args.output, |out| {
+    let written = write_atomically(output, |out| {
         match Recorded::film(&args.file, out, &|done, all| progress.at(done, all)) {
             Ok(recorded) => filmed = Some(recorded),
             Err(FilmError::Film(error)) => return Err(error),
@@ -195,28 +221,29 @@ fn film(args: &ReplayArgs) -> Result<u64, Error> {
     if let Some(error) = unreadable {
         return Err(Error::input(error));
     }
-    written.map_err(|e| unwritable(&args.output, e))?;
+    written.map_err(|e| unwritable(output, e))?;
     let missing = filmed.iter().flat_map(|recorded| &recorded.missing);
     missing.for_each(|missing| warn(format_args!("{}: {missing}", args.file.display())));
     Ok(filmed.map_or(0, |recorded| recorded.count))
 }
 
-fn film_of_log(args: &ReplayArgs) -> Result<u64, Error> {
+fn film_of_log(args: &ReplayArgs, output: &Path) -> Result<u64, Error> {
     let log = GraspLog::read(&args.file).map_err(Error::input)?;
     let name = args.file.display().to_string();
     let truth = true_shape(&log).unwrap_or_else(|error| {
         warn(format_args!("{name}: {error}; the true shape is left out"));
         None
     });
+    let title = args.file.file_name().unwrap_or_default().to_string_lossy();
     let contents = mcap::Contents {
-        title: if log.description.is_empty() { &name } else { &log.description },
+        title: if log.description.is_empty() { &title } else { &log.description },
         log: &log,
         steps: &[],
         surfaces: &[],
         truth: truth.as_ref(),
         report: None,
     };
-    mcap::write(&args.output, &contents).map_err(|e| unwritable(&args.output, e))?;
+    mcap::write(output, &contents).map_err(|e| unwritable(output, e))?;
     Ok(log.grasps.len() as u64)
 }
 

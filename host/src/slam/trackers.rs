@@ -51,6 +51,17 @@ impl Kind {
         }
     }
 
+    /// What a board says that it runs.
+    pub fn of_board(tracker: TrackerKind) -> Kind {
+        match tracker {
+            TrackerKind::Bootstrap => Kind::Bootstrap,
+            TrackerKind::Hypotheses => Kind::Hypotheses,
+            TrackerKind::RaoBlackwell => Kind::RaoBlackwell,
+            TrackerKind::Curved => Kind::Curved,
+            TrackerKind::Automatic => Kind::Automatic,
+        }
+    }
+
     /// Follows the object through the log: one step per grasp, the same for the same seed on every
     /// machine.
     pub fn follow(self, log: &GraspLog, seed: u64) -> Vec<Step> {

@@ -9,7 +9,7 @@ use crate::graph::pose::certificate::{Certificate, certify};
 use crate::graph::pose::diagnosis::{Fit, Name};
 use crate::graph::pose::global::optimize_globally;
 use crate::graph::pose::gnc::{Gnc, gnc};
-use crate::graph::pose::{self, Iteration, Optimizer, Options, PoseGraph, Rigid, Start};
+use crate::graph::pose::{self, Iteration, Method, Optimizer, Options, PoseGraph, Rigid, Start};
 
 /// What was found for a graph.
 pub(super) struct Solved {
@@ -76,9 +76,9 @@ fn with_all<G: Rigid<D, N>, const D: usize, const N: usize>(
     }
     let initial_chi2 = graph.chi2();
     let options = Options {
-        method: args.method.into(),
+        method: args.method.map_or(Method::GaussNewton, Method::from),
         kernel: args.robust.kernel(D),
-        max_iterations: args.iterations,
+        max_iterations: args.iterations.unwrap_or(100),
         ..Options::default()
     };
     let progress = Progress::new("descent", "steps");
