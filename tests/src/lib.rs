@@ -13,9 +13,9 @@ use tactile_host::log::{GraspLog, LoggedContact, LoggedFree, LoggedGrasp, Noise}
 use tactile_host::space::{Bridge, Point, Pose, planar};
 
 /// Whether a missing compiler or emulator is a failure rather than a reason to skip: it is where
-/// `TACTILE_REQUIRE_FIRMWARE` is set, as continuous integration does.
+/// `TACTILE_REQUIRE_FIRMWARE` is 1, as continuous integration does.
 pub fn firmware_is_required() -> bool {
-    std::env::var_os("TACTILE_REQUIRE_FIRMWARE").is_some_and(|v| !v.is_empty() && v != "0")
+    std::env::var_os("TACTILE_REQUIRE_FIRMWARE").is_some_and(|v| v == "1")
 }
 
 /// The outcome, or `None` and a plain message when something has to be installed first.

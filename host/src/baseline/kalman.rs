@@ -44,7 +44,7 @@ struct Predicted {
     noise: DVector<f64>,
 }
 
-/// Weight of the middle sigma point in those of the others, less their number.
+/// κ of Julier and Uhlmann: the middle sigma point weighs 2κ times any other.
 const KAPPA: f64 = 1.0;
 
 impl Kalman {

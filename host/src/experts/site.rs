@@ -110,7 +110,7 @@ fn slope_remainder(kernel: &Kernel, spread: f64, dimension: usize) -> f64 {
 }
 
 /// The largest spread whose [`remainder`] stays below `variance` (m²), metres: by bisection, for
-/// the remainder grows with the spread. At most a thousand lengthscales.
+/// the remainder grows with the spread. At most one lengthscale.
 pub fn widest(kernel: &Kernel, lengthscale: f64, variance: f64) -> f64 {
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..60 {

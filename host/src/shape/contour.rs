@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use super::lattice::{Lattice, LatticeError, Samples, deviations_at, values_at};
-use super::settle::{Tangent, meeting, settle, tangents};
+use super::settle::{self, Tangent, meeting, settle, tangents};
 use super::{Field, Outline};
 use crate::space::Point;
 
@@ -139,12 +139,13 @@ fn corners(
     let (sides, mut found): (Vec<_>, Vec<Point>) = sides.iter().filter_map(corner).unzip();
     settle(field, spacing, &(0..found.len()).collect::<Vec<_>>(), &mut found);
     let values = values_at(field, &found);
+    let settled = (10.0 * ON_SURFACE).max(settle::ON_SURFACE * spacing);
     let is_new = |point: &Point, side: &[usize; 2]| {
         side.iter().all(|v| (point - vertices[*v]).norm() > SAME * spacing)
     };
     let judged = sides.into_iter().zip(found).zip(values);
     judged
-        .filter(|((side, point), value)| value.abs() <= 10.0 * ON_SURFACE && is_new(point, side))
+        .filter(|((side, point), value)| value.abs() <= settled && is_new(point, side))
         .map(|((side, point), _)| (side[0], point))
         .collect()
 }

@@ -5,7 +5,8 @@
 //! patches need a triangulation: contacts are seen from their mean, in the plane in order of
 //! angle, in space as the convex hull of the directions (the Delaunay triangulation of the sphere).
 //! So the shape is taken to be star-shaped about that mean, and what nobody touched is closed by
-//! patches from the nearest contacts. The surface passes through every contact, noise and all.
+//! patches from the nearest contacts. The surface passes through every contact, noise and
+//! all; of contacts within three deviations of each other, through their mean.
 
 use std::collections::HashMap;
 

@@ -11,7 +11,7 @@ use super::lattice::{first_order_at, values_at};
 use crate::space::Point;
 
 /// Field value at which a vertex counts as on the surface, in spacings.
-const ON_SURFACE: f64 = 1e-4;
+pub(super) const ON_SURFACE: f64 = 1e-4;
 
 /// Steps of each vertex towards the field at most.
 const MOST_STEPS: usize = 5;

@@ -2,7 +2,7 @@
 //! there is, in QEMU, always under a time limit.
 //!
 //! Exit codes: 0 done, 1 failed, 2 wrong usage, 77 something has to be installed first (1 when
-//! `TACTILE_REQUIRE_FIRMWARE` is set).
+//! `TACTILE_REQUIRE_FIRMWARE` is 1).
 
 use std::process::ExitCode;
 use std::time::Duration;

@@ -44,7 +44,7 @@ pub(super) fn run(data: Option<&Path>, skipped: &mut Vec<String>) -> Result<Vec<
     let mut logs: Vec<PathBuf> = listed.map(|e| e.path()).filter(spatial).collect();
     logs.sort();
     if logs.is_empty() {
-        skipped.push("moved objects: none in $TACTILE_DATA/mujoco or ../shared/data/mujoco".into());
+        skipped.push("moved objects: none in $TACTILE_DATA/mujoco".into());
     }
     let rows: Vec<Option<Moved>> = logs.iter().map(|l| one(l)).collect::<Result<_, _>>()?;
     Ok(rows.into_iter().flatten().collect())
@@ -66,7 +66,9 @@ fn one(path: &Path) -> Result<Option<Moved>, Error> {
         let away = |p: &Point| mesh.distance(&(off * Point3::from(*p)).coords);
         1e3 * samples.iter().map(away).sum::<f64>() / samples.len().max(1) as f64
     };
-    let carried = log.grasps.iter().filter_map(|g| g.motion).fold(start, |pose, m| m * pose);
+    // The first motion led to where it starts.
+    let motions = log.grasps.iter().skip(1).filter_map(|g| g.motion);
+    let carried = motions.fold(start, |pose, m| m * pose);
     let errors = found.modes.iter().map(|m| apart(&m.pose));
     Ok(Some(Moved {
         contacts: contacts.len(),
