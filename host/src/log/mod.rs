@@ -1,7 +1,28 @@
 //! Grasp logs: the interchange format with researchers, in memory and as JSON lines.
 //!
-//! One JSON object a line, SI units, world frame: a header, then one line per grasp. See
-//! [`GraspLog::read`] for what is checked.
+//! One JSON object a line, SI units, world frame: a header, then one line per grasp. What may be
+//! left out has a question mark.
+//!
+//! ```text
+//! header   format: "tactile-grasp-log", version: 1, dimension: 2 or 3, frame?: "world",
+//!          description?, fingers?: [name, …],
+//!          noise?: {point?, normal?, translation?, rotation?}          m, rad, m, rad
+//!          truth?: {shape?: {polygon: [[x, y], …]} or {mesh: FILE}}    object frame, m
+//! grasp    grasp: 0, 1, …, contacts: [contact, …], motion?: pose, time?: s,
+//!          free?: [{finger?, point}, …], truth?: {pose?: pose}
+//! contact  point: [x, y(, z)], normal?: unit, out of the object, normal_noise?: rad,
+//!          finger?: name, force?: N
+//! pose     translation: [x, y(, z)], rotation: angle, or in space quaternion [x, y, z, w]
+//! ```
+//!
+//! A true pose maps object to world, a motion world to world: predicted pose = motion · previous
+//! pose. Without a motion there was none before the first grasp; later it is unknown. A mesh file
+//! is named relative to the log. Where the noise is not stated, readers take 1 mm and 5° of
+//! contacts ([`crate::slam::POINT_DEVIATION`], [`crate::slam::NORMAL_DEVIATION`]), 10 mm and 20° of
+//! motions ([`tactile_core::track::MotionNoise::THESIS`]), and never less than [`Noise`] says.
+//!
+//! [`GraspLog::read`] says what is checked, [`words`] what fingertip sensors add, [`replayed`] what
+//! a recording does. `docs/formats.md` has all of it with examples.
 
 pub mod import;
 pub mod inspection;
