@@ -35,6 +35,7 @@ fn live_and_back<S: Sample>() {
     let report: serde_json::Value =
         serde_json::from_slice(&fs::read(here.join("out/report.json")).unwrap()).unwrap();
     assert_eq!((&report["grasps"], &report["contacts"]), (&8.into(), &40.into()));
+    assert_eq!(report["tracker"], "auto on the board");
     let worst = report["pose"]["rms_translation_mm"].as_f64().unwrap();
     assert!(worst < 6.0, "{worst}");
 

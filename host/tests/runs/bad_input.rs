@@ -66,6 +66,15 @@ fn explorations_that_cannot_be_are_refused() {
         ("--object ellipse:0.1x0.06 --board virtual --lookahead", &["--board", "--lookahead"]),
         ("--object ellipse:0.1x0.06 --board virtual --cost turn=1", &["--board", "--cost"]),
         ("--object ellipse:0.1x0.06 --board virtual --batch 2", &["--board", "--batch"]),
+        ("--object ellipse:0.1x0.06 --board virtual --candidates clusters", &["--board", "fixed"]),
+        (
+            "--object box:0.1x0.06x0.08 --hand five-finger --board virtual --count 16",
+            &["--board", "--hand idealised"],
+        ),
+        (
+            "--object ellipse:0.1x0.06 --criterion variance --until gain:0.1",
+            &["gain:0.1", "nats", "variance"],
+        ),
     ] {
         place.tactile(&format!("explore {options} --out out")).refused(words);
     }

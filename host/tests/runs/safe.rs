@@ -51,6 +51,18 @@ fn what_is_read_is_not_written_over() {
     assert_eq!(contents(), before);
 }
 
+#[test]
+fn a_replay_that_nobody_named_replaces_nothing() {
+    let place = Place::new();
+    place.tactile("simulate --object hexagon:0.05 --grasps 2 -o a.jsonl").done();
+    place.tactile("replay a.jsonl --to html").done();
+    let page = std::fs::read(place.at("a.html")).unwrap();
+    place.tactile("simulate --object hexagon:0.05 --grasps 3 -o a.jsonl").done();
+    place.tactile("replay a.jsonl --to html").refused(&["a.html", "such a file", "--output"]);
+    place.tactile("replay a.jsonl").refused(&["a.jsonl", "such a file"]);
+    assert_eq!(std::fs::read(place.at("a.html")).unwrap(), page);
+}
+
 /// A device that takes nothing.
 #[cfg(target_os = "linux")]
 #[test]
