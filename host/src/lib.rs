@@ -1,8 +1,9 @@
 //! # tactile-host
 //!
 //! Everything around [`tactile_core`] that wants a heap: grasp logs and recordings, simulated
-//! objects and hands, the dense double-precision [mod@reference] the core is held against, contours
-//! and meshes, the link to a board, pictures and reports, and the command line `tactile`.
+//! objects and hands, the dense double-precision [mod@reference] the core is held against, what an
+//! object may be ([mod@model]), contours and meshes, the link to a board, pictures and reports, and the
+//! command line `tactile`.
 //!
 //! Host types hold planar data as spatial data with z = 0 and rotations about z, so that files,
 //! simulation and reports are written once for both dimensions; [`space`] converts to and from the
@@ -20,6 +21,7 @@ pub mod graph;
 pub mod link;
 pub mod localize;
 pub mod log;
+pub mod model;
 pub mod quantity;
 pub mod reference;
 pub mod shape;

@@ -12,7 +12,7 @@ pub mod pairwise;
 pub mod pose;
 
 use crate::log::GraspLog;
-use crate::reference::Faces;
+use crate::model::Faces;
 use crate::slam::track::Step;
 
 /// The corrections on offer.

@@ -7,7 +7,7 @@ use tactile_core::wire::{BeliefFrame, FaceFrame, FaceSummary, WireSpace};
 use crate::graph::joint::Corrected;
 use crate::graph::joint::problem::Problem;
 use crate::log::GraspLog;
-use crate::reference::faces::Owner;
+use crate::model::faces::Owner;
 use crate::space::{Bridge, Point, Pose};
 
 /// A belief and the faces that belong to it, as frames.

@@ -1,5 +1,5 @@
-//! Dense double-precision models: the independent yardstick of the core, and the host's own
-//! surface when it extracts contours and meshes.
+//! Dense double-precision surfaces and filters: the independent yardstick of the core, and the host's own
+//! surface when it extracts contours and meshes. What surfaces are about is in [`model`](mod@crate::model).
 //!
 //! Written from the mathematics, not from the core: the two share no code, so where they agree,
 //! both are likely right. The surface does its linear algebra and its kernel sums in
@@ -9,11 +9,8 @@
 //! f < 0 inside, scaled as a signed distance in metres; normals point out of the object; planar
 //! data has z = 0 and the dimension, 2 or 3, decides how many derivatives there are.
 
-pub mod body;
 pub mod cholesky;
-pub mod doubt;
 pub mod ellipsoid;
-pub mod faces;
 pub mod filter;
 pub mod foresight;
 pub mod gpis;
@@ -21,9 +18,6 @@ pub mod hyper;
 pub mod kernel;
 pub mod local;
 pub mod mean;
-pub mod mirror;
-pub mod misfit;
-pub mod notched;
 pub mod prior;
 pub mod spheres;
 pub mod tracker;
@@ -31,16 +25,13 @@ pub mod tracker;
 #[cfg(test)]
 mod tests;
 
-pub use doubt::Doubt;
 pub use ellipsoid::Ellipsoid;
-pub use faces::Faces;
 pub use filter::{Filter, Gate, Settings};
 pub use foresight::Foresight;
 pub use gpis::{Gpis, Training};
 pub use kernel::Kernel;
 pub use local::Local;
 pub use mean::Mean;
-pub use mirror::Mirror;
 pub use prior::Prior;
 pub use spheres::{Normalisation, Spheres};
 pub use tracker::Tracker;

@@ -12,8 +12,9 @@ use super::arrangement::{Arrangement, Facet};
 use super::boundary::{self, Side};
 use super::min_cut::Graph;
 use super::{Field, Geometry};
-use crate::reference::faces::{Face, Faces, Owner};
-use crate::reference::{Contact, Doubt};
+use crate::model::Doubt;
+use crate::model::faces::{Face, Faces, Owner};
+use crate::reference::Contact;
 use crate::space::Point;
 
 /// A closed shape of flat faces.

@@ -6,9 +6,10 @@ mod wild;
 pub use wild::trusted;
 pub(super) use wild::{directions, faces_along, often};
 
-use crate::reference::body::Body;
-use crate::reference::faces::{Face, Faces, Owner};
-use crate::reference::{Contact, Kernel, misfit};
+use crate::model::body::Body;
+use crate::model::faces::{Face, Faces, Owner};
+use crate::model::misfit;
+use crate::reference::{Contact, Kernel};
 use crate::shape::Geometry;
 use crate::shape::polytope::{COUNTERPART, FAR, OPPOSITE, Polytope, assemble, closures};
 use crate::space::Point;
@@ -18,7 +19,7 @@ use crate::space::Point;
 pub enum Choice {
     /// A box less smaller boxes where contacts at known poses, or those that a graph finds wild ones among, suit one
     /// that is not convex but for a few, and some face of theirs was felt by few, or they make none that close
-    /// ([`Found`](crate::reference::notched::Found)); faces where they are trustworthy, see [`judge`], equal
+    /// ([`Found`](crate::model::notched::Found)); faces where they are trustworthy, see [`judge`], equal
     /// ones where such a body is more probable; the Gaussian process where a round one is
     /// ([`simpler`](super::fit::simpler)), and everywhere else.
     #[default]

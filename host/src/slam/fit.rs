@@ -5,10 +5,11 @@ use std::iter::successors;
 use rayon::prelude::*;
 
 use crate::experts::{self, Experts};
-use crate::reference::body::{Body, Part};
+use crate::model::body::{Body, Part};
+use crate::model::{Doubt, Faces, misfit};
 use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::hyper::{Belief, Found, Search};
-use crate::reference::{Contact, Doubt, Faces, Gpis, Kernel, Prior, Training, misfit};
+use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
 use crate::slam::blend::Blend;
 use crate::slam::choose::{DOUBT, doubt, fitted};
 use crate::slam::free::{Free, open};

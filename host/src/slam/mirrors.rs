@@ -10,8 +10,8 @@ use rayon::prelude::*;
 
 use super::choose::{DOUBT, doubt};
 use super::fit::{exactness, spread, usual};
-use crate::reference::body::Body;
-use crate::reference::mirror::{Image, Mirror};
+use crate::model::body::Body;
+use crate::model::mirror::{Image, Mirror};
 use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
 use crate::shape::Geometry;
 use crate::space::Point;

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use crate::graph::pose::g2o::{self, Graph};
 use crate::log::{GraspLog, TrueShape};
-use crate::reference::Faces;
+use crate::model::Faces;
 use crate::shape::files::{self, FileError, Plain};
 use crate::shape::{Geometry, Outline, ShapeError, metrics};
 use crate::slam::Progress;

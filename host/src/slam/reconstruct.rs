@@ -6,9 +6,10 @@ use nalgebra::{Matrix3x6, Matrix6, Vector6};
 
 use crate::experts;
 use crate::log::GraspLog;
+use crate::model::notched::Found;
+use crate::model::{Doubt, Faces, Mirror};
+use crate::reference::Contact;
 use crate::reference::gpis::Error as SurfaceError;
-use crate::reference::notched::Found;
-use crate::reference::{Contact, Doubt, Faces, Mirror};
 use crate::shape::lattice::LatticeError;
 use crate::shape::polytope::{FAR, Polytope, intersection, solid};
 use crate::shape::{Field, Geometry, contour, surface};

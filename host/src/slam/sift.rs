@@ -8,9 +8,10 @@
 use super::choose::{self, often, only};
 use super::fit::{explains, rounds};
 use crate::graph::joint;
-use crate::reference::body::{Body, MISFIT};
-use crate::reference::notched::Found;
-use crate::reference::{Contact, Faces, Mean, Prior};
+use crate::model::Faces;
+use crate::model::body::{Body, MISFIT};
+use crate::model::notched::Found;
+use crate::reference::{Contact, Mean, Prior};
 use crate::space::Point;
 
 mod convex;
@@ -171,8 +172,8 @@ fn strangeness(body: &Body, radius: f64, contacts: &[Contact]) -> Vec<f64> {
 pub(super) mod tests {
     use super::*;
     use crate::graph::Kind;
+    use crate::model::faces::Face;
     use crate::quantity::Deviation;
-    use crate::reference::faces::Face;
     use crate::shape::polytope::solid;
     use crate::shape::{Geometry, align, metrics};
     use crate::sim::{ObjectSpec, Options, simulate};

@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use tactile_core::track::Status;
 
 use crate::log::GraspLog;
-use crate::reference::Faces;
+use crate::model::Faces;
 use crate::shape::symmetry::Symmetry;
 use crate::shape::{Geometry, align, metrics};
 use crate::slam::choose::Choice;

@@ -15,7 +15,7 @@ use super::factors;
 use super::problem::{Labels, Problem, State};
 use super::solve::{Solved, face_variance};
 use super::tangent::{Face, Tangent, axes, local, retract};
-use crate::reference::faces::{self, Owner};
+use crate::model::faces::{self, Owner};
 use crate::space::{Point, Pose};
 
 mod aim;

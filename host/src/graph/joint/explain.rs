@@ -10,8 +10,8 @@ use super::relation::Relation;
 use super::ridge;
 use super::solve::{Solved, offset_row, solve};
 use super::tangent::{Face, six_by_six};
+use crate::model::faces::{Faces, Owner};
 use crate::reference::Contact;
-use crate::reference::faces::{Faces, Owner};
 use crate::slam::reconstruct::doubt;
 use crate::space::Point;
 

@@ -16,8 +16,8 @@ use super::seat::{Seated, seated};
 use super::solve::Solved;
 use super::tangent::{Face, six_by_six};
 use crate::log::GraspLog;
-use crate::reference::faces::Owner;
-use crate::reference::{self, Contact, Faces};
+use crate::model::faces::{self, Faces, Owner};
+use crate::reference::Contact;
 use crate::slam::reconstruct::{doubt, place};
 use crate::slam::track::Step;
 use crate::space::{Point, Pose};
@@ -51,11 +51,11 @@ pub struct Plane {
 
 impl Plane {
     /// The same as contacts of that centroid would give it.
-    fn about(&self, centroid: &Point) -> reference::faces::Face {
+    fn about(&self, centroid: &Point) -> faces::Face {
         let [t, u] = self.tangents;
         let row = Point::new(t.dot(centroid), u.dot(centroid), -1.0);
         let across = Matrix3::from_columns(&[t, u, Point::zeros()]);
-        reference::faces::Face {
+        faces::Face {
             normal: self.normal,
             offset: self.offset,
             centroid: *centroid,

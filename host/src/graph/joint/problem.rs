@@ -1,8 +1,8 @@
 //! What was measured, and what is to be found.
 
 use crate::log::GraspLog;
+use crate::model::faces::Owner;
 use crate::reference::Contact;
-use crate::reference::faces::Owner;
 use crate::slam::{deviations, track, usual_deviations};
 use crate::space::{Point, Pose};
 

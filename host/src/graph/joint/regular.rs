@@ -11,7 +11,7 @@
 //! faces agree is hardly ever a coincidence. So an order of the whole is believed as readily as none,
 //! and a relation that stands alone only where the odds are strong.
 //!
-//! [`Faces::regular`]: crate::reference::Faces::regular
+//! [`Faces::regular`]: crate::model::Faces::regular
 
 use std::f64::consts::TAU;
 

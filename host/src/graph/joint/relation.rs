@@ -3,7 +3,7 @@
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
 use super::tangent::Face;
-use crate::reference::faces::regular::EXACT;
+use crate::model::faces::regular::EXACT;
 use crate::space::Point;
 
 /// Which angle two faces make.

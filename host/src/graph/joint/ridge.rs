@@ -12,8 +12,8 @@ use nalgebra::{Matrix3, Matrix3x6, Matrix6, Matrix6x3, Vector6};
 
 use super::problem::Problem;
 use super::tangent::Face;
+use crate::model::faces::Owner;
 use crate::reference::Contact;
-use crate::reference::faces::Owner;
 use crate::space::{Point, Pose};
 
 /// Radius of a fingertip, metres.

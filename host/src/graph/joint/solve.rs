@@ -9,8 +9,8 @@ use super::relation::Relation;
 use super::ridge::{FINGERTIP, Ridge, named};
 use super::size;
 use super::tangent::{Tangent, axes, retract};
+use crate::model::faces::Owner;
 use crate::reference::Contact;
-use crate::reference::faces::Owner;
 use crate::space::Point;
 
 /// Most iterations.

@@ -12,8 +12,8 @@ use super::solve::{linearise, solve};
 use super::tangent::{Tangent, axes, local, retract};
 use crate::graph::Kind;
 use crate::log::{GraspLog, LoggedContact, LoggedFree};
+use crate::model::faces::Owner;
 use crate::quantity::Deviation;
-use crate::reference::faces::Owner;
 use crate::shape::Geometry;
 use crate::sim::{Options, simulate};
 use crate::slam::choose::Choice;
@@ -395,7 +395,7 @@ fn the_shape_is_made_of_the_graphs_faces() {
         panic!()
     };
     assert!((own.area() - 0.006).abs() < 3e-4, "{}", own.area());
-    let corner = |face: &crate::reference::faces::Face, p: &[f64; 2]| {
+    let corner = |face: &crate::model::faces::Face, p: &[f64; 2]| {
         face.value(&Point::new(p[0], p[1], 0.0)).abs() < 1e-6
     };
     let on_two = |o: &crate::shape::Outline| {

@@ -3,8 +3,8 @@
 use super::observe::Rows;
 use super::{Error, Gpis, Training, observed, solve};
 use crate::dense::Functional;
+use crate::model::mirror::{Image, Mirror, images};
 use crate::reference::mean::Local;
-use crate::reference::mirror::{Image, Mirror, images};
 use crate::reference::{Contact, Kernel, Mean};
 use crate::space::Point;
 
@@ -106,8 +106,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::model::body::Body;
     use crate::reference::Prior;
-    use crate::reference::body::Body;
     use crate::reference::cholesky::Cholesky;
 
     const KERNEL: Kernel = Kernel::Matern32 { amplitude: 0.03, lengthscale: 0.06 };

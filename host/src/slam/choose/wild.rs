@@ -1,8 +1,8 @@
 //! Contacts that lie on no side, though sides were touched often: of something else, or of a sensor that failed.
 
 use super::{Refusal, judge, lost, only, polytope};
+use crate::model::faces::{Faces, Owner};
 use crate::reference::Contact;
-use crate::reference::faces::{Faces, Owner};
 use crate::space::Point;
 
 /// Most contacts that may be wild, as a share: more of them are on sides that the faces do not have.

@@ -1,5 +1,5 @@
 use super::*;
-use crate::reference::body::tests::{cup, square};
+use crate::model::body::tests::{cup, square};
 use crate::shape::Field;
 use crate::sim::{ObjectSpec, Options, Touch, simulate};
 use crate::slam::choose::{self, Choice, judge};

@@ -1,5 +1,5 @@
 use super::*;
-use crate::reference::mirror::images;
+use crate::model::mirror::images;
 use crate::shape::{align, metrics};
 use crate::sim::ObjectSpec;
 use crate::slam::choose::{Choice, judge};

@@ -4,9 +4,10 @@
 //! beyond its own, and no model is needed to see that: what is fitted to the rest was never bent by it.
 
 use super::{WILD, are_few, beside_body};
-use crate::reference::body::Body;
-use crate::reference::notched::Found;
-use crate::reference::{Contact, Faces, Prior};
+use crate::model::Faces;
+use crate::model::body::Body;
+use crate::model::notched::Found;
+use crate::reference::{Contact, Prior};
 use crate::slam::choose::{directions, faces_along, judge, only};
 use crate::slam::fit::rounds;
 use crate::space::Point;

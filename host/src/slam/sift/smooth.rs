@@ -1,7 +1,7 @@
 //! Contacts that a smooth surface through all others has no place for.
 
 use super::{ROUNDS, WILD, are_few, only};
-use crate::reference::body::Body;
+use crate::model::body::Body;
 use crate::reference::hyper::Belief;
 use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
 use crate::slam::fit::{self, DECIDING, exactness};

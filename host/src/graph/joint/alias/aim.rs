@@ -7,8 +7,8 @@ use crate::graph::joint::factors;
 use crate::graph::joint::problem::Problem;
 use crate::graph::joint::ridge::{self, Ridge};
 use crate::graph::joint::tangent::Face;
+use crate::model::faces::{self, Owner};
 use crate::reference::Contact;
-use crate::reference::faces::{self, Owner};
 use crate::space::Pose;
 
 /// Up to this enlargement contacts are sought on edges: before, all faces are near.

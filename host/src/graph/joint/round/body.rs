@@ -5,8 +5,8 @@ use std::mem::discriminant;
 use nalgebra::{Cholesky, DVector, Matrix3, Point3, SVector, SymmetricEigen};
 
 use crate::graph::joint::tangent::Face;
+use crate::model::body::{Part, Quadric};
 use crate::reference::Contact;
-use crate::reference::body::{Part, Quadric};
 use crate::shape::superquadric::{Form, Number, Superquadric};
 use crate::space::{Point, Pose};
 

@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix3;
 
-use super::Contact;
+use crate::reference::Contact;
 use crate::space::{Point, Pose};
 
 /// The plane n·p = d, in two dimensions the line.

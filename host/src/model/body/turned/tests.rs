@@ -1,6 +1,6 @@
 use super::*;
+use crate::model::body::tests::touch;
 use crate::reference::Mean;
-use crate::reference::body::tests::touch;
 use proptest::prelude::*;
 
 /// A cup standing on z, 80 mm high, 40 mm across at the bottom and 60 at the top, `long` times as long in x

@@ -9,9 +9,9 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, SymmetricEigen};
 
-use super::gpis::Error;
-use super::mean::{Local, Mean};
-use super::{Contact, Prior};
+use crate::reference::gpis::Error;
+use crate::reference::mean::{Local, Mean};
+use crate::reference::{Contact, Prior};
 use crate::shape::superquadric;
 use crate::space::Point;
 
@@ -207,7 +207,7 @@ impl Mode {
 /// The intersection of parts as the maximum of their fields, with creases where they meet.
 ///
 /// ```
-/// use tactile_host::reference::body::Body;
+/// use tactile_host::model::body::Body;
 /// use tactile_host::reference::{Contact, Mean};
 /// use tactile_host::space::Point;
 ///

@@ -119,8 +119,8 @@ fn meeting(one: &Plane, other: &Plane, centre: &Point, planes: &[Plane]) -> Opti
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reference::Faces;
-    use crate::reference::body::tests::touch;
+    use crate::model::Faces;
+    use crate::model::body::tests::touch;
     use std::f64::consts::TAU;
 
     /// Touches of so many sides, each 30 mm from the middle, of a prism with so many in all: `each` of every side,

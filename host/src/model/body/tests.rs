@@ -1,6 +1,7 @@
 pub(crate) use super::turned::tests::cup;
 use super::*;
-use crate::reference::{Faces, Gpis, Kernel, Training};
+use crate::model::Faces;
+use crate::reference::{Gpis, Kernel, Training};
 use proptest::prelude::*;
 
 /// A can standing on z, 60 mm across and 100 mm high, felt all around and on both ends.

@@ -3,8 +3,8 @@
 use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen};
 
 use super::{Body, Mode, Part, Plane};
+use crate::model::faces::{Face, Faces, Owner};
 use crate::reference::Contact;
-use crate::reference::faces::{Face, Faces, Owner};
 use crate::space::Point;
 
 /// How often the parameters are corrected.

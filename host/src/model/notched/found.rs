@@ -6,8 +6,9 @@ use super::axes::{Normal, along_axes, axes, directions, normal};
 use super::chain::Chains;
 use super::moves::notched_before;
 use super::{Notch, Notched, RARE, Side, Span, Wild};
-use crate::reference::faces::{Face, Owner};
-use crate::reference::{Contact, Faces, misfit};
+use crate::model::faces::{Face, Owner};
+use crate::model::{Faces, misfit};
+use crate::reference::Contact;
 use crate::space::Point;
 
 /// Most contacts that it does not explain where hardly any is wild, as a share.

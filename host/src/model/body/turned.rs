@@ -6,7 +6,8 @@ use nalgebra::{DVector, Matrix3, SymmetricEigen};
 use super::end::{Side, USUAL};
 use super::fit::{Felt, Fit, Problem, Round, STEPS, TRIAL};
 use super::{Body, Part, Plane, Quadric};
-use crate::reference::{Contact, Faces};
+use crate::model::Faces;
+use crate::reference::Contact;
 use crate::space::Point;
 
 /// Numbers measured per parameter from which a turned body is more than a guess.

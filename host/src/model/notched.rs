@@ -15,7 +15,7 @@ mod wild;
 
 use nalgebra::Rotation3;
 
-use super::Contact;
+use crate::reference::Contact;
 use crate::space::Point;
 
 use cells::Cells;

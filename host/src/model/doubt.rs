@@ -9,7 +9,7 @@
 //! Statistical Science 14, 1999), with weights that do not fall with the evidence of the contacts, of
 //! which none speaks of what was not touched.
 
-use super::Gpis;
+use crate::reference::Gpis;
 use crate::space::Point;
 
 /// The other surface that may be, and how likely it is.

@@ -1,6 +1,6 @@
 use super::*;
+use crate::model::body::tests::touch;
 use crate::reference::Mean;
-use crate::reference::body::tests::touch;
 use proptest::prelude::*;
 
 /// Sides 30 mm from the middle, ends 40 mm.

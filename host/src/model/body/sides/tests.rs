@@ -1,7 +1,7 @@
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_6, PI, TAU};
 
 use super::*;
-use crate::reference::faces::tests::touched;
+use crate::model::faces::tests::touched;
 
 fn regular(object: &str, contacts: usize, seed: u64) -> (Vec<Contact>, Body, Faces) {
     let (dimension, contacts) = touched(object, contacts, seed);

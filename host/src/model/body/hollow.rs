@@ -1,8 +1,9 @@
 //! What is believed of an object that contacts show to be hollow: that it fills a box along its sides.
 
 use super::{Body, Part, Plane};
-use crate::reference::faces::Face;
-use crate::reference::{Contact, Faces, Prior};
+use crate::model::Faces;
+use crate::model::faces::Face;
+use crate::reference::{Contact, Prior};
 use crate::space::Point;
 
 /// How far contacts lie beyond the tangent plane of another, in radii of the ball that fits them, where

@@ -10,7 +10,8 @@ use super::end::{Side, USUAL};
 use super::fit::{Felt, Fit, Problem, Round, SHAPE, STEPS, TRIAL};
 use super::turned::axes;
 use super::{Body, Part, Plane};
-use crate::reference::{Contact, Faces};
+use crate::model::Faces;
+use crate::reference::Contact;
 use crate::space::Point;
 
 /// How many sides there are. With more it is hardly another thing than round.

@@ -8,7 +8,8 @@ use super::block::Block;
 use super::regular::Regular;
 use super::turned::Turned;
 use super::{Body, Change, Mode, Part, Plane, Quadric};
-use crate::reference::{Contact, Faces, Prior};
+use crate::model::Faces;
+use crate::reference::{Contact, Prior};
 use crate::shape::superquadric::{Form, Superquadric};
 use crate::space::Point;
 
@@ -302,7 +303,7 @@ impl Problem {
 
     /// The faces with at least so many contacts.
     fn planes(&self, faces: &Faces, least: usize) -> Vec<Plane> {
-        let plane = |f: &crate::reference::faces::Face| Plane {
+        let plane = |f: &crate::model::faces::Face| Plane {
             normal: f.normal,
             offset: (f.offset - f.normal.dot(&self.centre)) / self.radius,
         };

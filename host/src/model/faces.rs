@@ -17,7 +17,7 @@ pub mod regular;
 
 use nalgebra::{Matrix3, SymmetricEigen};
 
-use super::Contact;
+use crate::reference::Contact;
 use crate::shape::Field;
 use crate::space::Point;
 

@@ -7,7 +7,8 @@ use nalgebra::{DVector, Rotation2, Rotation3};
 use super::end::{Side, USUAL};
 use super::fit::{Felt, Fit, Problem, Round, STEPS, TRIAL};
 use super::{Body, Part, Plane};
-use crate::reference::{Contact, Faces};
+use crate::model::Faces;
+use crate::reference::Contact;
 use crate::space::Point;
 
 /// Numbers measured per parameter from which a block is more than a guess: it has few, and all of them are usual.
@@ -224,8 +225,8 @@ fn frames(dimension: usize, faces: &Faces, felt: &[Felt]) -> Vec<[Point; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::body::tests::touch;
     use crate::reference::Mean;
-    use crate::reference::body::tests::touch;
     use proptest::prelude::*;
 
     const HALF: [f64; 3] = [0.06, 0.04, 0.025];
