@@ -441,7 +441,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         self.kernel = self.given;
         (self.count, self.enclosing) = (0, 0);
         self.factor.truncate(0);
-        self.condensed = false;
+        (self.condensed, self.renewal) = (false, 0);
         self.misfit = 0.0;
     }
 

@@ -6,10 +6,11 @@ mod foresight;
 pub use foresight::Foreseen;
 
 use crate::contact::{Contact, GraspView};
-use crate::matrix::{Coordinates, Square};
+use crate::matrix::Coordinates;
 use crate::random::Random;
 use crate::space::{Pose, Space};
 use crate::surface::{Insertion, Map};
+use crate::track::blurred::blurred;
 use crate::track::likelihood::{is_strange, log_free, log_likelihood};
 use crate::track::particles::Particles;
 use crate::track::{Estimate, MotionNoise, Separation, Status, Tracker, is_plausible};
@@ -151,18 +152,18 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
         let gate = self.running.as_ref().and_then(Running::gate);
         let map = &self.map;
         let best = self.particles.compare(|pose| {
-            let (mut sum, mut close, mut all) = (0.0, 0, 0);
+            let (mut sum, mut close, mut all) = (0.0, 0u32, 0u32);
             for contact in grasp.usable() {
                 let probe = map.probe(pose.untransform(contact.point));
                 sum += log_likelihood(&probe, contact.normal.map(|n| pose.unrotate(n)), &contact);
                 all += 1;
-                close += u16::from(gate.is_some_and(|g| probe.nearest <= g.distance));
+                close += u32::from(gate.is_some_and(|g| probe.nearest <= g.distance));
             }
             let free = grasp.free.iter().map(|f| f.point).filter(|p| p.is_finite());
             for point in free {
                 sum += log_free(&map.probe(pose.untransform(point)));
             }
-            gate.is_none_or(|g| close >= g.contacts.min(all)).then_some(sum)
+            gate.is_none_or(|g| close >= u32::from(g.contacts).min(all)).then_some(sum)
         });
         let likeliest = best.unwrap_or_else(|| self.particles.mean().0);
         match (self.contradicts(grasp, &likeliest), best) {
@@ -196,7 +197,7 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
 
     /// Adds the grasp to the map at the mean pose; the number of contacts let go.
     ///
-    /// The doubt about the pose along each contact's normal goes into its noise, so that a grasp
+    /// The doubt about the pose ([`blurred`]) goes into each contact's noise, so that a grasp
     /// placed badly does not overrule one placed well. What is still strange with it is a wild contact
     /// and not learnt.
     fn learn(
@@ -248,26 +249,7 @@ enum Fit {
 fn place<S: Space>(contact: &Contact<S>, pose: &S::Pose, covariance: &S::Covariance) -> Contact<S> {
     let point = pose.untransform(contact.point);
     let normal = contact.normal.map(|n| pose.unrotate(n));
-    let mut placed = Contact { point, normal, ..*contact };
-    if let Some(normal) = normal {
-        let h = S::lever(point, normal);
-        let (mut along, mut turn) = (0.0, 0.0);
-        for i in 0..S::FREEDOM {
-            for j in 0..S::FREEDOM {
-                along += h[i] * covariance.at(i, j) * h[j];
-            }
-            if i >= S::DIMENSION {
-                turn += covariance.at(i, i);
-            }
-        }
-        let turn = turn / (S::FREEDOM - S::DIMENSION) as f32;
-        let add = |deviation: f32, more: f32| {
-            crate::math::sqrt(deviation * deviation + if more > 0.0 { more } else { 0.0 })
-        };
-        placed.point_deviation = add(contact.point_deviation, along);
-        placed.normal_deviation = add(contact.normal_deviation, turn);
-    }
-    placed
+    blurred(&Contact { point, normal, ..*contact }, covariance)
 }
 
 impl<S: Space, M: Map<S>, const PARTICLES: usize> Tracker<S> for Bootstrap<S, M, PARTICLES> {

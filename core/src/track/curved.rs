@@ -325,7 +325,10 @@ impl<
     fn learn(&mut self, grasp: &GraspView<'_, S>, contacts: usize) -> (Status, u16) {
         let mut dropped = self.make_room(contacts);
         dropped = dropped.saturating_add(self.memory.push(self.grasps, self.pending, grasp));
-        let nowhere: f32 = grasp.usable().map(|c| wild(&c)).sum();
+        // What found no room says nothing of the rest.
+        let kept = self.memory.grasps().last().map_or(0, |last| last.touches().len());
+        let nowhere: f32 = grasp.usable().take(kept).map(|c| wild(&c)).sum();
+        self.evidence += grasp.usable().skip(kept).map(|c| wild(&c)).sum::<f32>();
         let mut density = math::ln(1.0 - SLIP) + self.branch(grasp);
         if !self.is_found(density, nowhere) {
             self.memory.pop();

@@ -1,6 +1,7 @@
 //! From grasps to a belief over the object's pose, and the shape it implies.
 
 pub mod automatic;
+mod blurred;
 pub mod bootstrap;
 pub mod curved;
 pub mod hypotheses;
@@ -29,8 +30,8 @@ use crate::space::{Pose, Space};
 pub trait Tracker<S: Space> {
     /// Predicts with `motion`, weighs and corrects with the grasp, then adds its contacts to the
     /// shape. `motion` maps world to world (predicted pose = motion ∘ previous pose); `None`, or one that
-    /// is not finite or goes further than 10 km, means unknown (the noise alone predicts), and on the
-    /// first grasp nothing.
+    /// is not finite or goes further than 10 km, means unknown (the object rested, with
+    /// more noise than usual), and on the first grasp nothing.
     ///
     /// Contacts that are not finite or not normalised are dropped and counted; an empty grasp only
     /// predicts.
@@ -92,7 +93,7 @@ impl Status {
 pub struct Estimate<S: Space> {
     /// Number of the grasp since the last reset, from 0.
     pub grasp: u32,
-    /// Object to world: the weighted mean of the belief.
+    /// Object to world: the mean of the particles, or the best of a few hypotheses.
     pub pose: S::Pose,
     /// Covariance of the pose in tangent coordinates (object axes; metres and radians).
     pub covariance: S::Covariance,

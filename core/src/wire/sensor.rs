@@ -96,7 +96,7 @@ pub enum SensorPart {
         /// Six gauges.
         numbers: [f32; 6],
     },
-    /// Counts of the converter that are credible, both ends included.
+    /// Between which counts of the converter a reading is credible: at an end it is saturated.
     Range {
         /// The least.
         least: i32,

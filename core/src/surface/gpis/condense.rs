@@ -416,8 +416,9 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     }
 
     /// Moves the contact that has waited longest to the end, its rows of the factor made anew.
-    fn renew(&mut self) {
+    pub(super) fn renew(&mut self) {
         let followers = self.sites().first().map_or(0, |site| usize::from(site.followers));
+        let (mut kept, mut is_whole) = (0, true);
         for _ in 0..=followers {
             let (site, n) = (self.sites[0], self.factor.rows());
             for _ in 0..site.rows() {
@@ -435,8 +436,16 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
             for later in &mut self.sites[..self.count] {
                 later.row -= site.rows() as u16;
             }
-            // K + Σ is positive definite and was a moment ago; else the site is lost.
-            let _ = self.factorise(site, 0);
+            // K + Σ is positive definite and was a moment ago; else the contact is lost.
+            is_whole = is_whole && self.factorise(site, 0).is_ok();
+            kept += usize::from(is_whole);
+        }
+        if is_whole {
+            return;
+        }
+        for _ in 0..kept {
+            self.count -= 1;
+            self.factor.truncate(usize::from(self.sites[self.count].row));
         }
     }
 }

@@ -383,3 +383,34 @@ fn a_full_map_survives_places_known_far_better_than_others() {
         }
     }
 }
+
+#[test]
+fn rows_made_anew_say_the_same() {
+    for training in [Training::Normals, Training::OffSurface(0.01)] {
+        let contacts = circle(8, 0.03);
+        let mut map = learnt(MATERN, training, &contacts);
+        for number in 0..5 {
+            let angle = 0.7 + number as f32;
+            let (s, c) = angle.sin_cos();
+            let point = Vector([0.01 + 0.0303 * c, -0.02 + 0.0303 * s]);
+            map.condense(&Contact { point, normal: Some(Vector([c, s])), ..contacts[0] });
+        }
+        map.refit();
+        let at = [Vector([0.045, -0.02]), Vector([0.01, 0.0]), Vector([0.02, -0.03])];
+        let before = at.map(|p| map.probe(p));
+        for _ in 0..2 {
+            map.renew();
+            map.refit();
+            assert_eq!(map.contacts(), 8);
+            for (p, before) in at.iter().zip(&before) {
+                let after = map.probe(*p);
+                assert!(
+                    (after.value - before.value).abs() < 1e-6,
+                    "{training:?} {after:?} {before:?}"
+                );
+                let apart = after.variance / before.variance;
+                assert!((apart - 1.0).abs() < 1e-2, "{training:?} {after:?} {before:?}");
+            }
+        }
+    }
+}

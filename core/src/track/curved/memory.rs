@@ -110,7 +110,10 @@ pub(super) struct Memory<S: Space, const GRASPS: usize, const CONTACTS: usize> {
 }
 
 impl<S: Space, const GRASPS: usize, const CONTACTS: usize> Memory<S, GRASPS, CONTACTS> {
-    const SIZES_FIT: () = assert!(GRASPS > 1 && CONTACTS > 0 && CONTACTS < u16::MAX as usize);
+    const SIZES_FIT: () = assert!(GRASPS > 1 && CONTACTS > 1 && CONTACTS < u16::MAX as usize);
+
+    /// Contacts of one grasp at most.
+    const MOST: usize = CONTACTS / 2;
 
     pub const fn new() -> Self {
         let () = Self::SIZES_FIT;
@@ -144,23 +147,24 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize> Memory<S, GRASPS, CON
         self.grasps()[..grasps.min(self.count)].last().map_or(0, |grasp| grasp.touches().end)
     }
 
-    /// Whether a grasp of this many contacts finds room.
+    /// Whether a grasp of this many contacts finds room, or as many of it as are remembered.
     pub fn has_room(&self, contacts: usize) -> bool {
-        self.count < GRASPS && self.touched + contacts <= CONTACTS
+        self.count < GRASPS && self.touched + contacts.min(Self::MOST) <= CONTACTS
     }
 
-    /// Remembers the usable contacts of a grasp, as many as there is room for; how many were left out.
+    /// Remembers the usable contacts of a grasp, as many as there is room for, and no more than
+    /// leave room for another; how many were left out.
     pub fn push(&mut self, number: u32, moved: Move<S>, grasp: &GraspView<'_, S>) -> u16 {
         let Some(place) = self.grasps.get_mut(self.count) else { return 0 };
-        let (mut count, mut left) = (0, 0);
-        for contact in grasp.usable() {
-            match self.touches.get_mut(self.touched + usize::from(count)) {
-                Some(touch) => {
-                    *touch = Touch::new(&contact);
-                    count += 1;
-                }
-                None => left += 1,
-            }
+        let (mut count, mut left) = (0, 0u16);
+        let room = self.touches.iter_mut().skip(self.touched).take(Self::MOST);
+        let mut contacts = grasp.usable();
+        for (touch, contact) in room.zip(&mut contacts) {
+            *touch = Touch::new(&contact);
+            count += 1;
+        }
+        for _ in contacts {
+            left = left.saturating_add(1);
         }
         *place = Remembered { number, moved, first: self.touched as u16, count };
         self.count += 1;

@@ -1,12 +1,11 @@
 //! The oldest grasps leave the memory: their contacts go to the map for good.
 
+use super::Curved;
 use super::doubt::scaled;
-use super::{Curved, small};
-use crate::contact::Contact;
-use crate::math;
-use crate::matrix::{Coordinates, Square};
+use crate::matrix::Square;
 use crate::space::Space;
 use crate::surface::Revisable;
+use crate::track::blurred::blurred;
 
 impl<
     S: Space,
@@ -64,20 +63,5 @@ impl<
             }
         }
         (before.saturating_sub(self.map.contacts())) as u16
-    }
-}
-
-/// The contact (object frame) with the doubt about its pose in its noise, as far as it has a normal.
-fn blurred<S: Space>(contact: &Contact<S>, covariance: &S::Covariance) -> Contact<S> {
-    let Some(normal) = contact.normal else { return *contact };
-    let h = S::lever(contact.point, normal);
-    let along = h.dot(small::times::<S>(covariance, h));
-    let turns = (S::DIMENSION..S::FREEDOM).map(|i| covariance.at(i, i)).sum::<f32>();
-    let turn = turns / (S::FREEDOM - S::DIMENSION) as f32;
-    let add = |deviation: f32, more: f32| math::sqrt(deviation * deviation + math::max(more, 0.0));
-    Contact {
-        point_deviation: add(contact.point_deviation, along),
-        normal_deviation: add(contact.normal_deviation, turn),
-        ..*contact
     }
 }

@@ -107,8 +107,8 @@ pub(super) fn carried<S: Space>(a: &S::Covariance, m: &S::Covariance) -> S::Cova
     carried
 }
 
-/// ln Φ(z), Φ the normal distribution, within 0.02 above −3 (the logistic approximation of Bowling
-/// et al. 2009), never below −8.
+/// ln Φ(z), Φ the normal distribution, within 0.1 above −3 (the logistic approximation of Bowling
+/// et al. 2009), never below −15.
 pub(super) fn log_normal_below(z: f32) -> f32 {
     let z = math::max(math::min(z, 8.0), -4.7);
     -math::ln(1.0 + math::exp(-z * (1.5976 + 0.070_56 * z * z)))

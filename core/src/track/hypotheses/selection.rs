@@ -66,7 +66,20 @@ impl<
             self.continue_with(usize::from(*slot), &leaf, count, free, wider);
         }
         (self.order, self.count) = (order, kept);
+        self.remember_search(wider);
         self.rank();
+    }
+
+    /// A lost object may have gone as far as it was sought: else the grasps before would be taken to have
+    /// been misplaced by a share of it.
+    fn remember_search(&mut self, wider: [f32; 2]) {
+        for slot in &self.order[..self.count] {
+            let hypothesis = &mut self.slots[usize::from(*slot)];
+            if let Some(past) = hypothesis.past.get_mut(self.grasps as usize % GRASPS.max(1)) {
+                past.noise[0] += wider[0];
+                past.noise[1] += wider[1];
+            }
+        }
     }
 
     /// Whether two explanations say the same of pose and planes.

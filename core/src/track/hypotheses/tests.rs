@@ -423,51 +423,64 @@ fn free_fingers_count_once_however_many_contacts_there_are() {
     assert!(at_once.local(&in_turn).norm() < 1e-5, "{at_once:?} {in_turn:?}");
 }
 
-/// A rectangle that is known, at rest at the origin.
-fn known_rectangle() -> (Polygon, Box<Plane2>) {
-    let rectangle = Polygon::rectangle(0.05, 0.02);
+/// A quadrilateral that is known, at rest at the origin, and where somebody took it then.
+fn known_quadrilateral() -> (Polygon, Box<Plane2>, PlanarPose) {
+    let polygon = Polygon(std::vec![(0.0, 0.05), (1.2, 0.03), (2.9, 0.04), (4.3, 0.035)]);
     let mut random = Random::new(5);
     let mut tracker = Box::new(Plane2::new());
+    tracker.set_motion_noise(MotionNoise { translation: 1e-3, rotation: 0.035 });
     for k in 0..8 {
         let at = PlanarPose::IDENTITY;
-        tracker.update(Some(&at), view(&rectangle.grasp(&at, k, &mut random)));
+        tracker.update(Some(&at), view(&polygon.grasp(&at, k, &mut random)));
     }
-    (rectangle, tracker)
+    (polygon, tracker, PlanarPose::new(Vector([0.15, 0.02]), 2.44))
+}
+
+/// Exact contacts all around.
+fn all_around(polygon: &Polygon, count: usize, pose: &PlanarPose) -> Vec<Contact<Planar>> {
+    let sides = polygon.0.len();
+    (0..count)
+        .map(|i| polygon.at(i % sides, 0.2 + 0.6 * i as f32 / count as f32))
+        .map(|(p, n)| contact(pose.transform(p), pose.rotate(n)))
+        .collect()
 }
 
 #[test]
 fn the_rest_of_a_large_grasp_is_where_a_lost_object_was_found_again() {
-    let (rectangle, mut tracker) = known_rectangle();
+    let (polygon, mut tracker, elsewhere) = known_quadrilateral();
     let rest = Some(&PlanarPose::IDENTITY);
-    // Nothing like it: a corner from inside.
-    let strange: Vec<_> = (0..6)
-        .map(|i| contact(Vector([0.2, 0.01 * i as f32]), Vector([0.0, [1.0, -1.0][i % 2]])))
-        .collect();
-    assert_eq!(tracker.update(rest, view(&strange)).status, Status::Lost);
-    let moved = PlanarPose::new(Vector([0.03, -0.02]), 0.5);
-    let all_around: Vec<_> = (0..2 * TOUCHES)
-        .map(|i| rectangle.at(i % 4, 0.3 + 0.01 * i as f32))
-        .map(|(p, n)| contact(moved.transform(p), moved.rotate(n)))
-        .collect();
+    let recalled = tracker.recall(7).unwrap();
+    let few = polygon.grasp(&elsewhere, 0, &mut Random::new(1));
+    assert_eq!(tracker.update(rest, view(&few)).status, Status::Lost);
+    let contacts = all_around(&polygon, 2 * TOUCHES, &elsewhere);
     let mut other = tracker.clone();
-    let at_once = tracker.update(rest, view(&all_around));
+    let at_once = tracker.update(rest, view(&contacts));
     assert_eq!((at_once.status, at_once.dropped), (Status::Tracking, 0));
-    other.update(rest, view(&all_around[..TOUCHES]));
+    other.update(rest, view(&contacts[..TOUCHES]));
     other.set_motion_noise(MotionNoise { translation: 0.0, rotation: 0.0 });
-    let in_turn = other.update(rest, view(&all_around[TOUCHES..]));
+    let in_turn = other.update(rest, view(&contacts[TOUCHES..]));
     assert!(at_once.pose.local(&in_turn.pose).norm() < 1e-5, "{at_once:?} {in_turn:?}");
+    // Where it was before it was taken away is known as well as before.
+    let since = tracker.recall(7).unwrap();
+    assert!(recalled.local(&since).norm() < 1e-3, "{recalled:?} {since:?}");
 }
 
 #[test]
 fn what_nobody_explains_of_a_large_grasp_is_dropped() {
-    let (rectangle, mut tracker) = known_rectangle();
-    let mut contacts: Vec<_> = (0..TOUCHES)
-        .map(|i| rectangle.at(i % 4, 0.3 + 0.02 * i as f32))
-        .map(|(p, n)| contact(p, n))
-        .collect();
-    contacts.extend(
-        (0..7).map(|i| contact(Vector([0.3, 0.01 * i as f32]), Vector([0.0, [1.0, -1.0][i % 2]]))),
-    );
+    let (polygon, mut tracker, elsewhere) = known_quadrilateral();
+    let mut contacts = all_around(&polygon, TOUCHES, &PlanarPose::IDENTITY);
+    contacts.extend(polygon.grasp(&elsewhere, 0, &mut Random::new(1)));
     let estimate = tracker.update(Some(&PlanarPose::IDENTITY), view(&contacts));
-    assert_eq!((estimate.status, estimate.dropped), (Status::Tracking, 7));
+    assert_eq!((estimate.status, estimate.dropped), (Status::Tracking, 5));
+}
+
+#[test]
+fn a_normal_into_a_face_is_not_one_out_of_it() {
+    let plane = |normal| plane::Plane::<Planar> { normal, offset: 0.05 };
+    let touch = plane::Touch::of(&contact(Vector([0.05, 0.0]), Vector([1.0, 0.0])));
+    let (pose, transport) = (PlanarPose::IDENTITY, <Planar as Space>::Covariance::ZERO);
+    let residual =
+        |normal| plane::measure(&touch, &pose, &transport, &plane(normal)).as_slice()[0].residual;
+    assert!(residual(Vector([1.0, 0.0])).abs() < 1e-6);
+    assert!((residual(Vector([-1.0, 0.0])).abs() - core::f32::consts::PI).abs() < 1e-6);
 }
