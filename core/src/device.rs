@@ -360,7 +360,10 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize, const FINGERS: usize>
                 self.candidates.clear();
                 self.modes = Modes::one(pose);
             }
-            Command::Face(frame) => self.tracker.learn(&frame.face())?,
+            Command::Face(frame) => {
+                self.tracker.learn(&frame.face())?;
+                self.candidates.clear();
+            }
             Command::Query(Topic::Finger(number)) => {
                 let finger = self.fingers.report(number).ok_or(Refusal::NoSuch)?;
                 self.answer.add(board.now(), Report::Finger(finger));
