@@ -30,6 +30,9 @@ const ROUNDS: usize = 6;
 const STRANGE: f64 = 16.0;
 const WILD: f64 = 0.1;
 
+/// Contacts of a log up to which grasps are tried at other seats.
+const SEATED: usize = 200;
+
 /// Graphs with the same labels and costs nearer than this (nats) are one.
 const SAME: f64 = 1e-3;
 
@@ -214,8 +217,9 @@ where
 {
     let first = trajectories.first().and_then(|steps| Some(steps.first()?.pose));
     let steps = trajectories.first().copied().unwrap_or_default();
-    // In space other seats were not found to help (87 runs of 280 right, 89 without), and take long.
-    let seats = effort.restarts && problem.dimension == 2;
+    // In space other seats were not found to help (87 runs of 280 right, 89 without), and take long; nor in
+    // long logs (ten of sixty grasps: as good shapes without, in a quarter of the time where sides are curved).
+    let seats = effort.restarts && problem.dimension == 2 && problem.felt.len() <= SEATED;
     // Whether fingers feel edges is decided by what comes of either in the end: poses that were found
     // without edges hide them.
     let problems = [false, true].map(|edges| Problem { edges, ..problem.clone() });
