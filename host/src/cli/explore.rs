@@ -568,7 +568,7 @@ mod tests {
         assert_eq!((&options["batch"], &options["lookahead"]), (&2.into(), &true.into()));
         assert_eq!(options["alpha"], 3.0);
         assert_eq!(options["cost"], "action=7,travel=20,turn=3,miss=5");
-        assert_eq!(options["tracker"], "hypotheses");
+        assert_eq!(options["tracker"], "auto");
         assert_eq!((&options["pose"], &options["board"]), (&"3mm,3deg".into(), &Value::Null));
         let still = super::options(&line(&["--object", "sphere:0.08"]).unwrap().args);
         assert_eq!((&still["count"], &still["area"]), (&120.into(), &Value::Null));

@@ -27,8 +27,9 @@ pub enum Until {
     Lenient,
     /// A contact within 5 mm of this share of the surface, whatever the model makes of it.
     Coverage(f64),
-    /// No candidate promises more than so many nats: what a robot can decide without the truth. Under
-    /// criteria in other units ([`Criterion::is_in_nats`](super::Criterion::is_in_nats)) nobody promises nats, and it never ends so.
+    /// No candidate promises more than so many nats: what a robot can decide without the truth. Criteria
+    /// in other units promise none, and it never ends so
+    /// ([`Criterion::is_in_nats`](super::Criterion::is_in_nats)).
     Gain(f64),
 }
 
