@@ -28,6 +28,8 @@ mod patience;
 #[cfg(test)]
 mod tests;
 
+use core::ops::Range;
+
 use crate::contact::{Contact, GraspView};
 use crate::math;
 use crate::space::Space;
@@ -45,6 +47,18 @@ pub fn wild<S: Space>(contact: &Contact<S>) -> f32 {
     const SPATIAL: f32 = -2.531_024_2;
     let direction = if S::DIMENSION == 2 { PLANAR } else { SPATIAL };
     PLACE + if contact.normal.is_some() { direction } else { 0.0 }
+}
+
+/// The same of the usable contacts of a grasp that have these numbers among them.
+#[inline(never)]
+pub(crate) fn all_wild<S: Space>(grasp: &GraspView<'_, S>, numbers: Range<usize>) -> f32 {
+    let mut sum = 0.0;
+    for (number, contact) in grasp.usable().enumerate() {
+        if numbers.contains(&number) {
+            sum += wild(&contact);
+        }
+    }
+    sum
 }
 
 /// ln(eᵃ + eᵇ).

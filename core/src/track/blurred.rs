@@ -8,17 +8,9 @@ use crate::space::Space;
 /// The contact (object frame) with the doubt about its pose in its deviations: of the point along its
 /// normal, or in all directions alike without one, and of the normal. `covariance` is in tangent
 /// coordinates at the pose.
+#[inline(never)]
 pub(super) fn blurred<S: Space>(contact: &Contact<S>, covariance: &S::Covariance) -> Contact<S> {
-    let variance = |direction: S::Vector| {
-        let h = S::lever(contact.point, direction);
-        let mut along = 0.0;
-        for i in 0..S::FREEDOM {
-            for j in 0..S::FREEDOM {
-                along += h[i] * covariance.at(i, j) * h[j];
-            }
-        }
-        along
-    };
+    let variance = |direction| variance::<S>(contact.point, direction, covariance);
     let along = match contact.normal {
         Some(normal) => variance(normal),
         None => {
@@ -36,6 +28,19 @@ pub(super) fn blurred<S: Space>(contact: &Contact<S>, covariance: &S::Covariance
         normal_deviation: add(contact.normal_deviation, turn),
         ..*contact
     }
+}
+
+/// Of a point (object frame) along a direction: what the doubt about the pose makes of it.
+#[inline(never)]
+fn variance<S: Space>(point: S::Vector, direction: S::Vector, covariance: &S::Covariance) -> f32 {
+    let h = S::lever(point, direction);
+    let mut along = 0.0;
+    for i in 0..S::FREEDOM {
+        for j in 0..S::FREEDOM {
+            along += h[i] * covariance.at(i, j) * h[j];
+        }
+    }
+    along
 }
 
 #[cfg(test)]

@@ -46,7 +46,7 @@ use crate::math;
 use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
 use crate::surface::Revisable;
-use crate::track::automatic::{Evidence, wild};
+use crate::track::automatic::{Evidence, all_wild};
 use crate::track::{Estimate, Modes, MotionNoise, Separation, Status, Tracker};
 use doubt::Belief;
 use memory::{Drift, Memory, Move};
@@ -327,8 +327,8 @@ impl<
         dropped = dropped.saturating_add(self.memory.push(self.grasps, self.pending, grasp));
         // What found no room says nothing of the rest.
         let kept = self.memory.grasps().last().map_or(0, |last| last.touches().len());
-        let nowhere: f32 = grasp.usable().take(kept).map(|c| wild(&c)).sum();
-        self.evidence += grasp.usable().skip(kept).map(|c| wild(&c)).sum::<f32>();
+        let nowhere = all_wild(grasp, 0..kept);
+        self.evidence += all_wild(grasp, kept..contacts);
         let mut density = math::ln(1.0 - SLIP) + self.branch(grasp);
         if !self.is_found(density, nowhere) {
             self.memory.pop();

@@ -46,7 +46,7 @@ use crate::contact::GraspView;
 use crate::math;
 use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
-use crate::track::automatic::{Evidence, wild};
+use crate::track::automatic::{Evidence, all_wild};
 use crate::track::{Estimate, Modes, MotionNoise, Separation, Status, Tracker, is_plausible};
 use beam::TOUCHES;
 use explanation::Outcome;
@@ -370,9 +370,8 @@ impl<
             if part.lost {
                 outcome.lost = !outcome.corrected;
                 // What no hypothesis explains of a grasp that is explained otherwise is wild.
-                let rest = grasp.usable().skip(told);
-                outcome.dropped = outcome.dropped.saturating_add(rest.clone().count() as u16);
-                outcome.density += rest.map(|c| wild(&c)).sum::<f32>();
+                outcome.dropped = outcome.dropped.saturating_add((contacts - told) as u16);
+                outcome.density += all_wild(&grasp, told..contacts);
                 break;
             }
             told += count;
@@ -383,7 +382,7 @@ impl<
         }
         if begun {
             self.evidence +=
-                if outcome.lost { grasp.usable().map(|c| wild(&c)).sum() } else { outcome.density };
+                if outcome.lost { all_wild(&grasp, 0..contacts) } else { outcome.density };
         }
         if contacts > 0 {
             self.lost = if outcome.lost { self.lost.saturating_add(1) } else { 0 };

@@ -154,17 +154,18 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize> Memory<S, GRASPS, CON
 
     /// Remembers the usable contacts of a grasp, as many as there is room for, and no more than
     /// leave room for another; how many were left out.
+    #[inline(never)]
     pub fn push(&mut self, number: u32, moved: Move<S>, grasp: &GraspView<'_, S>) -> u16 {
         let Some(place) = self.grasps.get_mut(self.count) else { return 0 };
         let (mut count, mut left) = (0, 0u16);
-        let room = self.touches.iter_mut().skip(self.touched).take(Self::MOST);
-        let mut contacts = grasp.usable();
-        for (touch, contact) in room.zip(&mut contacts) {
-            *touch = Touch::new(&contact);
-            count += 1;
-        }
-        for _ in contacts {
-            left = left.saturating_add(1);
+        for contact in grasp.usable() {
+            match self.touches.get_mut(self.touched + usize::from(count)) {
+                Some(touch) if usize::from(count) < Self::MOST => {
+                    *touch = Touch::new(&contact);
+                    count += 1;
+                }
+                _ => left = left.saturating_add(1),
+            }
         }
         *place = Remembered { number, moved, first: self.touched as u16, count };
         self.count += 1;

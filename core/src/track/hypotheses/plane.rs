@@ -216,15 +216,16 @@ pub(super) fn measure<S: Chart>(
         let sin = (a - n * n.dot(a)).norm();
         // angle/sine is one for small angles. Opposite normals have no direction to turn in: any will do.
         let stretch = if sin > 1e-3 { S::angle_between(n, a) / sin } else { 1.0 };
-        let is_opposite = sin <= 1e-3 && n.dot(a) < 0.0;
         for (k, axis) in axes.iter().enumerate().take(last) {
             let row = &mut rows[count];
-            row.residual =
-                if is_opposite && k == 0 { core::f32::consts::PI } else { axis.dot(a) * stretch };
+            row.residual = axis.dot(a) * stretch;
             row.pose = turned::<S>(S::lever(n, *axis), transport, true);
             row.plane[k] = -1.0;
             row.noise = touch.normal_variance;
             count += 1;
+        }
+        if sin <= 1e-3 && n.dot(a) < 0.0 {
+            rows[0].residual = core::f32::consts::PI;
         }
     }
     rows[count] = height(touch, pose, transport, plane);

@@ -72,6 +72,7 @@ impl<
 
     /// A lost object may have gone as far as it was sought: else the grasps before would be taken to have
     /// been misplaced by a share of it.
+    #[inline(never)]
     fn remember_search(&mut self, wider: [f32; 2]) {
         for slot in &self.order[..self.count] {
             let hypothesis = &mut self.slots[usize::from(*slot)];
