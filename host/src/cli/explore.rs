@@ -11,12 +11,13 @@ use tactile_core::space::{Planar, Spatial};
 use tactile_core::wire::WireSpace;
 
 use self::stage::Stage;
+use self::table::table;
 use super::live::{self, Port};
-use super::terminal::{Progress, SPARK, say, sparkline, tell, tell_report};
+use super::terminal::{Progress, say, tell, tell_report};
 use super::view_address::{self, Address};
 use super::{Error, files};
 use crate::explore::adviser::MOST;
-use crate::explore::episode::{Action, Event};
+use crate::explore::episode::Event;
 use crate::explore::{
     self, Adviser, Board, Candidates, Cost, Criterion, Episode, NextArea, Planning, Until,
 };
@@ -32,6 +33,7 @@ use crate::slam::trackers::Kind;
 use crate::space::Bridge;
 
 mod stage;
+mod table;
 
 /// Explore a simulated object: choose a touch, touch, update, until the shape is known
 ///
@@ -329,30 +331,6 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
     }
 }
 
-/// Actions that are listed one by one; of more the last ones.
-const LISTED: usize = 24;
-
-/// Action by action, and how the known share grew.
-fn table(actions: &[Action]) -> String {
-    let mut text = String::from("action  contacts    gain  known  choosing");
-    let left_out = actions.len().saturating_sub(LISTED);
-    if left_out > 0 {
-        text += &format!("\n     …  {left_out} actions before");
-    }
-    for (number, action) in actions.iter().enumerate().skip(left_out) {
-        let gain = action.gain.map_or("–".into(), |g| format!("{g:.2}"));
-        text += &format!(
-            "\n{:>6}{:>10}{gain:>8}{:>5.0} %{:>7.0} ms",
-            number + 1,
-            action.contacts,
-            100.0 * action.known,
-            1e3 * action.choosing
-        );
-    }
-    let known: Vec<f64> = actions.iter().map(|a| a.known).collect();
-    text + &format!("\n known  {}", sparkline(&known, SPARK))
-}
-
 /// A board that chooses.
 fn adviser<S: Bridge + WireSpace>(
     args: &ExploreArgs,
@@ -487,6 +465,7 @@ fn name(value: impl ValueEnum) -> String {
 mod tests {
     use super::*;
     use crate::explore::Placement;
+    use crate::explore::episode::Action;
     use crate::space::Pose;
 
     #[test]

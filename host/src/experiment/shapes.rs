@@ -306,7 +306,7 @@ fn one(truth: &Geometry, models: &[Model], options: &Options) -> Result<Run, Sim
     let simulation = simulate(options)?;
     let dimension = simulation.log.dimension;
     let steps = track::truth(&simulation.log).unwrap_or_default();
-    let placed = reconstruct::place(&simulation.log, &steps);
+    let placed = crate::slam::place::place(&simulation.log, &steps);
     let contacts: Vec<Contact> = placed.iter().map(|p| p.contact).collect();
     let judge = |shape: Option<Geometry>| {
         let shape = shape?;

@@ -7,7 +7,7 @@ use crate::reference::Contact;
 use crate::shape::{Geometry, Mesh, Outline};
 use crate::sim::random::Random;
 use crate::sim::{Options, SimError, Touch, simulate};
-use crate::slam::reconstruct::place;
+use crate::slam::place::place;
 use crate::slam::track;
 use crate::space::Point;
 

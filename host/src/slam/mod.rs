@@ -14,6 +14,7 @@ pub mod gauge;
 pub mod mirrors;
 pub mod odometry_graph;
 pub mod output;
+pub mod place;
 pub mod reconstruct;
 pub mod recorded;
 pub mod replay;

@@ -3,7 +3,7 @@
 use crate::log::GraspLog;
 use crate::shape::{Geometry, metrics};
 use crate::slam::output::Outcome;
-use crate::slam::reconstruct::free;
+use crate::slam::place::free;
 use crate::view::growth::{Grown, grow, shown};
 use crate::view::scene::{Grasp, Meta, Scene, Shape, Surface};
 use crate::view::timeline::Timeline;

@@ -179,7 +179,8 @@ pub(super) mod tests {
     use crate::sim::{ObjectSpec, Options, simulate};
     use crate::slam::choose::Choice;
     use crate::slam::fit::tests::touched;
-    use crate::slam::reconstruct::{Poses, place, reconstruct_known, shape};
+    use crate::slam::place::place;
+    use crate::slam::reconstruct::{Poses, reconstruct_known, shape};
     use crate::slam::track;
 
     /// Contacts of an object at their true places, such a share of them wild, and which are.

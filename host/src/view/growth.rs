@@ -10,7 +10,8 @@ use crate::shape::{Field, Geometry, Mesh, Outline};
 use crate::slam::choose::{self, Model};
 use crate::slam::fit::fit;
 use crate::slam::free::Free;
-use crate::slam::reconstruct::{Placed, Reconstruction, evenly, extract_at};
+use crate::slam::place::Placed;
+use crate::slam::reconstruct::{Reconstruction, evenly, extract_at};
 use crate::space::Point;
 
 /// Surfaces on the way at most, the final one not counted.

@@ -12,7 +12,7 @@ use super::solve::{Solved, offset_row, solve};
 use super::tangent::{Face, six_by_six};
 use crate::model::faces::{Faces, Owner};
 use crate::reference::Contact;
-use crate::slam::reconstruct::doubt;
+use crate::slam::place::doubt;
 use crate::space::Point;
 
 /// Rounds of solving and handing contacts over.

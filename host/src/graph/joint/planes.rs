@@ -18,7 +18,7 @@ use super::tangent::{Face, six_by_six};
 use crate::log::GraspLog;
 use crate::model::faces::{self, Faces, Owner};
 use crate::reference::Contact;
-use crate::slam::reconstruct::{doubt, place};
+use crate::slam::place::{doubt, place};
 use crate::slam::track::Step;
 use crate::space::{Point, Pose};
 

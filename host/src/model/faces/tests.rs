@@ -1,6 +1,6 @@
 use super::*;
 use crate::sim::{Options, Touch, simulate};
-use crate::slam::reconstruct::place;
+use crate::slam::place::place;
 use crate::slam::track;
 use crate::space::{Bridge, Pose, planar};
 use nalgebra::{Translation3, UnitQuaternion};

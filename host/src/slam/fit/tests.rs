@@ -33,7 +33,7 @@ pub(crate) fn touched_of(
     };
     let simulation = simulate(&options).unwrap();
     let steps = track::truth(&simulation.log).unwrap();
-    let placed = reconstruct::place(&simulation.log, &steps);
+    let placed = crate::slam::place::place(&simulation.log, &steps);
     let truth = simulation.geometry.samples(200).into_iter().map(|s| s.0).collect();
     (spec.dimension(), placed.into_iter().map(|p| p.contact).collect(), truth)
 }

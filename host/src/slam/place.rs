@@ -1,0 +1,84 @@
+//! What was felt, and where nothing was, in the object frame: world to object by the poses, with the
+//! doubt about these.
+
+use nalgebra::{Matrix3x6, Matrix6, Vector6};
+
+use crate::log::GraspLog;
+use crate::reference::Contact;
+use crate::slam::free::Free;
+use crate::slam::track::Step;
+use crate::slam::{deviations, usual_deviations};
+use crate::space::Point;
+
+/// A contact in the object frame, as the surface was fitted to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placed {
+    /// Position, normal and deviations, the doubt about the pose included.
+    pub contact: Contact,
+    /// Position in the log of the grasp that felt it.
+    pub grasp: usize,
+}
+
+/// The log's contacts in the object frame. The doubt about a pose along a contact's normal, and
+/// about its rotation, goes into the contact's deviations, as the core's tracker has it.
+pub fn place(log: &GraspLog, steps: &[Step]) -> Vec<Placed> {
+    let mut placed = Vec::new();
+    for (grasp, (logged, step)) in log.grasps.iter().zip(steps).enumerate() {
+        for c in &logged.contacts {
+            let (point_deviation, normal_deviation) = deviations(c, &log.noise);
+            let world =
+                Contact { point: c.point, normal: c.normal, point_deviation, normal_deviation };
+            let contact = doubt(world.transformed(&step.pose.inverse()), &step.covariance);
+            placed.push(Placed { contact, grasp });
+        }
+    }
+    placed
+}
+
+/// The contact with the uncertainty of its pose added: along the normal, in all directions alike without
+/// one.
+pub(crate) fn doubt(contact: Contact, covariance: &Matrix6<f64>) -> Contact {
+    let variance = |n: &Point| {
+        let m = contact.point.cross(n);
+        let h = Vector6::new(n.x, n.y, n.z, m.x, m.y, m.z);
+        (h.transpose() * covariance * h)[0].max(0.0)
+    };
+    let along = match &contact.normal {
+        Some(normal) => variance(normal),
+        // A planar pose has no variance along z.
+        None => {
+            let axes = [Point::x(), Point::y(), Point::z()].map(|axis| variance(&axis));
+            let count = if covariance[(2, 2)] > 0.0 { 3.0 } else { 2.0 };
+            axes.iter().sum::<f64>() / count
+        }
+    };
+    // A planar pose turns about one axis only.
+    let turns: Vec<f64> = (3..6).map(|i| covariance[(i, i)]).filter(|v| *v > 0.0).collect();
+    let turn = turns.iter().sum::<f64>() / turns.len().max(1) as f64;
+    Contact {
+        point_deviation: (contact.point_deviation.powi(2) + along).sqrt(),
+        normal_deviation: (contact.normal_deviation.powi(2) + turn).sqrt(),
+        ..contact
+    }
+}
+
+/// Where fingertips of the log touched nothing, in the object frame, the doubt about the poses in
+/// their deviation.
+pub fn free(log: &GraspLog, steps: &[Step]) -> Vec<Free> {
+    let own = usual_deviations(&log.noise).0;
+    let mut free = Vec::new();
+    for (logged, step) in log.grasps.iter().zip(steps) {
+        let to_object = step.pose.inverse();
+        for f in &logged.free {
+            let point = to_object.rotation * f.point + to_object.translation.vector;
+            // The point moves by translation + rotation × point.
+            let shift = Matrix3x6::from_fn(|row, column| match column {
+                0..3 => f64::from(u8::from(row == column)),
+                _ => -point.cross_matrix()[(row, column - 3)],
+            });
+            let doubt = (shift * step.covariance * shift.transpose()).trace().max(0.0);
+            free.push(Free { point, deviation: own.hypot(doubt.sqrt()) });
+        }
+    }
+    free
+}
