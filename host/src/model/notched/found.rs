@@ -28,7 +28,8 @@ const LOOKED: [usize; 2] = [48, 16];
 ///
 /// ```
 /// use nalgebra::Vector3;
-/// use tactile_host::reference::{Contact, notched::Found};
+/// use tactile_host::model::notched::Found;
+/// use tactile_host::reference::Contact;
 ///
 /// // An L of 90 × 90 mm with arms 35 wide, whose upper end nobody touched.
 /// let at = |x, y, out: [f64; 2]| Contact {
