@@ -167,6 +167,20 @@ impl Vector<3> {
             self[0] * o[1] - self[1] * o[0],
         ])
     }
+
+    /// Two unit vectors that make a right-handed frame with this one, which must have length one (Duff
+    /// et al., *Building an orthonormal basis, revisited*, 2017).
+    #[inline(always)]
+    pub fn tangents(self) -> [Self; 2] {
+        let n = self;
+        let sign = if n[2] < 0.0 { -1.0 } else { 1.0 };
+        let a = -1.0 / (sign + n[2]);
+        let b = n[0] * n[1] * a;
+        [
+            Vector([1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]]),
+            Vector([b, sign + n[1] * n[1] * a, -n[1]]),
+        ]
+    }
 }
 
 /// What generic code may do with a [`Matrix`] whose size it does not know.

@@ -92,7 +92,7 @@ impl Patch {
     /// second derivative is `bend`.
     #[inline]
     fn new(point: Vector<3>, outward: Vector<3>, steepness: f32, bend: &Bend) -> Self {
-        let [u, v] = tangents(outward);
+        let [u, v] = outward.tangents();
         let (along, across) = (bend.times(u), bend.times(v));
         let curvature = [u.dot(along), v.dot(along), v.dot(across)].map(|k| k * steepness);
         Patch { point, outward, tangents: [u, v], curvature }
@@ -213,7 +213,7 @@ impl Fingertip {
         };
         let (nearest, outward) = self.foot(point)?;
         let straight = on_side as u8 as f32;
-        let [u, v] = tangents(outward);
+        let [u, v] = outward.tangents();
         let (bent, along, across) = (1.0 / radius, straight * u[0], straight * v[0]);
         let curvature = [1.0 - along * u[0], -along * v[0], 1.0 - across * v[0]].map(|k| k * bent);
         Some(Patch { point: nearest, outward, tangents: [u, v], curvature })
@@ -348,18 +348,6 @@ pub(super) fn scaled(b: Vector<3>, v: Vector<3>) -> Vector<3> {
 #[inline(always)]
 pub(super) fn times(m: &Matrix<3>, v: Vector<3>) -> Vector<3> {
     Vector(m.0.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2]))
-}
-
-/// Two unit tangents that make a right-handed frame with the unit vector `n` (Duff et al. 2017).
-#[inline]
-fn tangents(n: Vector<3>) -> [Vector<3>; 2] {
-    let sign = if n[2] < 0.0 { -1.0 } else { 1.0 };
-    let a = -1.0 / (sign + n[2]);
-    let b = n[0] * n[1] * a;
-    [
-        Vector([1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]]),
-        Vector([b, sign + n[1] * n[1] * a, -n[1]]),
-    ]
 }
 
 /// The matrix of a convex quadric that has a surface, symmetric.

@@ -37,16 +37,9 @@ impl Faceted for Spatial {
     type Along = Vector<2>;
     type Spread = Matrix<2>;
 
-    /// Duff et al., *Building an orthonormal basis, revisited*, 2017.
     #[inline(always)]
     fn basis(n: Vector<3>) -> [Vector<3>; 2] {
-        let sign = if n[2] < 0.0 { -1.0 } else { 1.0 };
-        let a = -1.0 / (sign + n[2]);
-        let b = n[0] * n[1] * a;
-        [
-            Vector([1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]]),
-            Vector([b, sign + n[1] * n[1] * a, -n[1]]),
-        ]
+        n.tangents()
     }
 }
 
