@@ -335,7 +335,7 @@ pub(super) fn doubt(contacts: &[Contact]) -> f64 {
 }
 
 /// The distance from the contacts' centre to the farthest, metres.
-fn farthest(contacts: &[Contact]) -> f64 {
+pub(super) fn farthest(contacts: &[Contact]) -> f64 {
     let centre = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len().max(1) as f64;
     contacts.iter().map(|c| (c.point - centre).norm()).fold(0.0, f64::max)
 }

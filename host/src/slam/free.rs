@@ -11,6 +11,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::reference::gpis::{Error, Reading};
 use crate::reference::{Contact, Gpis, Kernel, Mean, Training};
+use crate::slam::choose::farthest;
 use crate::space::Point;
 
 /// A point outside the object, object frame.
@@ -59,7 +60,7 @@ pub fn open(
     let train = Training::Derivative;
     let closed = Gpis::fit(dimension, kernel, mean.clone(), train, contacts)?;
     let doubtful = doubtful(&closed, free);
-    let apart = APART * reach(contacts);
+    let apart = APART * farthest(contacts);
     let mut chosen: Vec<Free> = Vec::new();
     let mut gpis = closed.clone();
     for round in 1..=ROUNDS {
@@ -107,12 +108,6 @@ fn inside(gpis: &Gpis, free: &[Free]) -> Vec<Free> {
         .collect();
     judged.sort_by(|a, b| a.0.total_cmp(&b.0));
     judged.into_iter().map(|(_, free)| free).collect()
-}
-
-/// From the contacts' centre to the farthest, metres.
-fn reach(contacts: &[Contact]) -> f64 {
-    let centre = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len().max(1) as f64;
-    contacts.iter().map(|c| (c.point - centre).norm()).fold(0.0, f64::max)
 }
 
 /// The readings that stand for f > 0 at the points, given everything else `gpis` knows.

@@ -1,7 +1,7 @@
 //! What was felt, and where nothing was, in the object frame: world to object by the poses, with the
 //! doubt about these.
 
-use nalgebra::{Matrix3x6, Matrix6, Vector6};
+use nalgebra::{Matrix6, Vector6};
 
 use crate::log::GraspLog;
 use crate::reference::Contact;
@@ -62,22 +62,21 @@ pub(crate) fn doubt(contact: Contact, covariance: &Matrix6<f64>) -> Contact {
     }
 }
 
-/// Where fingertips of the log touched nothing, in the object frame, the doubt about the poses in
-/// their deviation.
+/// Where fingertips of the log touched nothing, in the object frame, with the doubt about the poses as a
+/// [placed](place) contact without a normal has it.
 pub fn free(log: &GraspLog, steps: &[Step]) -> Vec<Free> {
     let own = usual_deviations(&log.noise).0;
     let mut free = Vec::new();
     for (logged, step) in log.grasps.iter().zip(steps) {
-        let to_object = step.pose.inverse();
         for f in &logged.free {
-            let point = to_object.rotation * f.point + to_object.translation.vector;
-            // The point moves by translation + rotation × point.
-            let shift = Matrix3x6::from_fn(|row, column| match column {
-                0..3 => f64::from(u8::from(row == column)),
-                _ => -point.cross_matrix()[(row, column - 3)],
-            });
-            let doubt = (shift * step.covariance * shift.transpose()).trace().max(0.0);
-            free.push(Free { point, deviation: own.hypot(doubt.sqrt()) });
+            let world = Contact {
+                point: f.point,
+                normal: None,
+                point_deviation: own,
+                normal_deviation: 0.0,
+            };
+            let here = doubt(world.transformed(&step.pose.inverse()), &step.covariance);
+            free.push(Free { point: here.point, deviation: here.point_deviation });
         }
     }
     free

@@ -14,7 +14,7 @@ use super::explain::{attempt, renamed, supported};
 use super::factors;
 use super::problem::{Labels, Problem, State};
 use super::solve::{Solved, face_variance};
-use super::tangent::{Face, Tangent, axes, local, retract};
+use super::tangent::{Face, SAME, Tangent, are_near, axes, retract};
 use crate::model::faces::{self, Owner};
 use crate::space::{Point, Pose};
 
@@ -27,9 +27,6 @@ const TURNS: [f64; 4] = [0.8, 1.6, 2.4, 3.2];
 
 /// By how much deviations are enlarged, iteration by iteration.
 const SLACK: [f64; 9] = [8.0, 6.0, 4.0, 3.0, 2.0, 1.5, 1.0, 1.0, 1.0];
-
-/// Poses nearer than this (metres, radians) are the same.
-const SAME: [f64; 2] = [2e-3, 0.05];
 
 /// Moves tried on the whole graph at most, and the nats by which the quick estimate may call them
 /// worse: faces are there as the mistake left them.
@@ -219,7 +216,7 @@ where
             continue;
         };
         let total = candidate.cost + problem.moved(grasp, before, &candidate.pose, centre);
-        match found.iter_mut().find(|(_, other)| same(&other.pose, &candidate.pose)) {
+        match found.iter_mut().find(|(_, other)| are_near(&other.pose, &candidate.pose, SAME)) {
             Some(other) if total < other.0 => *other = (total, candidate),
             Some(_) => {}
             None => found.push((total, candidate)),
@@ -233,11 +230,6 @@ where
 fn turned(pose: &Pose, axis: usize, angle: f64, centre: &Point) -> Pose {
     let shift = Pose::from_parts((*centre).into(), Default::default());
     retract(&(pose * shift), &Tangent::ith(axis, angle)) * shift.inverse()
-}
-
-fn same(a: &Pose, b: &Pose) -> bool {
-    let apart = local(a, b);
-    apart.fixed_rows::<3>(0).norm() < SAME[0] && apart.fixed_rows::<3>(3).norm() < SAME[1]
 }
 
 /// Labels of one grasp's contacts as a candidate has them. A contact aimed at another contact's plane
@@ -345,7 +337,7 @@ where
         let step =
             |grasp: usize, before: &Pose, pose: &Pose| problem.moved(grasp, before, pose, &centre);
         for mut candidate in candidates::<D>(problem, &others, k, &poses[k - 1], &centre) {
-            if same(&candidate.pose, &poses[k]) {
+            if are_near(&candidate.pose, &poses[k], SAME) {
                 continue;
             }
             let mut own = candidate.cost - now[k] + step(k, &poses[k - 1], &candidate.pose)

@@ -25,7 +25,7 @@ use nalgebra::{Matrix6, Point3};
 use rayon::prelude::*;
 
 use super::problem::Problem;
-use super::tangent::{Tangent, axes, local, retract};
+use super::tangent::{SAME, Tangent, are_near, axes, retract};
 use crate::reference::{Contact, Prior};
 use crate::space::{Point, Pose};
 
@@ -286,7 +286,7 @@ fn continued<const D: usize>(problem: &Problem, one: &Hypothesis, grasp: usize) 
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut apart: Vec<Pose> = Vec::new();
     for (_, pose) in found {
-        if apart.len() < CONTINUED && !apart.iter().any(|other| same(other, &pose)) {
+        if apart.len() < CONTINUED && !apart.iter().any(|other| are_near(other, &pose, SAME)) {
             apart.push(pose);
         }
     }
@@ -326,12 +326,6 @@ pub(super) fn spread<const D: usize>(
     starts
 }
 
-/// Whether two poses are one answer.
-pub(super) fn same(a: &Pose, b: &Pose) -> bool {
-    let off = local(a, b);
-    off.fixed_rows::<3>(0).norm() < 2e-3 && off.fixed_rows::<3>(3).norm() < 0.05
-}
-
 /// Leaves the likeliest few that differ in the last pose or in their flat ends.
 fn best(all: &mut Vec<Hypothesis>) {
     all.retain(|h| h.cost.is_finite());
@@ -341,7 +335,7 @@ fn best(all: &mut Vec<Hypothesis>) {
     for one in all.drain(..) {
         let known = |other: &Hypothesis| {
             one.body.width(3) == other.body.width(3)
-                && one.poses.iter().zip(&other.poses).all(|(a, b)| same(a, b))
+                && one.poses.iter().zip(&other.poses).all(|(a, b)| are_near(a, b, SAME))
         };
         let rivals = kept.iter().filter(|k| k.body.is_like(&one.body));
         if rivals.count() < KEPT && one.cost < least + HOPELESS && !kept.iter().any(known) {
@@ -364,7 +358,7 @@ fn revise<const D: usize>(problem: &Problem, one: &mut Hypothesis) {
                 .into_iter()
                 .chain(spread::<D>(&one.poses[grasp], &middle, motion.deviations))
                 .filter_map(|start| alone::<D>(problem, one, grasp, start))
-                .filter(|(_, pose)| !same(pose, &one.poses[grasp]))
+                .filter(|(_, pose)| !are_near(pose, &one.poses[grasp], SAME))
                 .min_by(|a, b| a.0.total_cmp(&b.0));
             let Some((_, pose)) = other else { continue };
             let mut moved = one.clone();

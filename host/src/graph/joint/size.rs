@@ -30,29 +30,52 @@ pub fn convex(dimension: usize, faces: &[Face], points: &[Point]) -> f64 {
     (0..planes.len()).map(|j| piece(dimension, &planes, j, 4.0 * reach)).sum()
 }
 
-/// Of the box around the contacts, whatever their shape.
-pub fn boxed(dimension: usize, points: &[Point]) -> f64 {
-    let Some(first) = points.first() else { return 0.0 };
-    let (low, high) =
-        points.iter().fold((*first, *first), |(low, high), p| (low.inf(p), high.sup(p)));
-    let size = high - low;
-    if dimension == 2 {
-        return 2.0 * (size.x + size.y);
-    }
-    2.0 * (size.x * size.y + size.y * size.z + size.z * size.x)
+/// Sides of the smallest box around the contacts of which one lies along a face, metres: whichever way the
+/// frame lies. The last is zero in the plane.
+pub fn sides(dimension: usize, faces: &[Face], points: &[Point]) -> [f64; 3] {
+    let along = faces.iter().map(|face| frame(dimension, faces, face));
+    let all = along.map(|axes| spans(dimension, &axes, points));
+    let size = |sides: &[f64; 3]| boxed(dimension, *sides);
+    let least = all.min_by(|a, b| size(a).total_cmp(&size(b)));
+    least.unwrap_or_else(|| spans(dimension, &[Point::x(), Point::y(), Point::z()], points))
 }
 
-/// By how much larger than the object's surface the one is where the centre of a ball of this radius
-/// (metres) can be that touches it, as of a box around the contacts.
-pub fn rounding(dimension: usize, points: &[Point], radius: f64) -> f64 {
+/// Length or area of the surface of a box with these sides.
+pub fn boxed(dimension: usize, [x, y, z]: [f64; 3]) -> f64 {
+    if dimension == 2 { 2.0 * (x + y) } else { 2.0 * (x * y + y * z + z * x) }
+}
+
+/// By how much larger than the surface of a box with these sides the one is where the centre of a ball of
+/// this radius (metres) can be that touches it.
+pub fn rounding(dimension: usize, sides: [f64; 3], radius: f64) -> f64 {
     use std::f64::consts::{PI, TAU};
-    let Some(first) = points.first() else { return 0.0 };
     if dimension == 2 {
         return TAU * radius;
     }
-    let (low, high) =
-        points.iter().fold((*first, *first), |(low, high), p| (low.inf(p), high.sup(p)));
-    PI * (high - low).sum() * radius + 2.0 * TAU * radius * radius
+    PI * sides.iter().sum::<f64>() * radius + 2.0 * TAU * radius * radius
+}
+
+/// Axes along a face's normal and, in space, the part across it of the normal that is squarest to it.
+fn frame(dimension: usize, faces: &[Face], face: &Face) -> [Point; 3] {
+    let first = face.normal;
+    if dimension == 2 {
+        return [first, Point::new(-first.y, first.x, 0.0), Point::z()];
+    }
+    let lean = |n: &Point| n.dot(&first).abs();
+    let squarest = faces.iter().map(|f| f.normal).min_by(|a, b| lean(a).total_cmp(&lean(b)));
+    let across = squarest.and_then(|n| (n - first * n.dot(&first)).try_normalize(0.1));
+    let second = across.unwrap_or(face.tangents(dimension)[0]);
+    [first, second, first.cross(&second)]
+}
+
+/// How far the points reach along these axes.
+fn spans(dimension: usize, axes: &[Point; 3], points: &[Point]) -> [f64; 3] {
+    std::array::from_fn(|i| {
+        let along = points.iter().map(|p| axes[i].dot(p)).filter(|_| i < dimension);
+        let ends = (f64::INFINITY, f64::NEG_INFINITY);
+        let (low, high) = along.fold(ends, |(low, high), at| (low.min(at), high.max(at)));
+        (high - low).max(0.0)
+    })
 }
 
 /// Outward directions of the planes that cut.
@@ -143,8 +166,36 @@ mod tests {
         let flat: Vec<Point> = corners(0.02).iter().map(|p| Point::new(p.x, p.y, 0.0)).collect();
         assert!((convex(2, &square, &flat) - 0.16).abs() < 1e-12);
         assert!((convex(3, &faces(&CUBE, 0.02), &corners(0.02)) - 0.0096).abs() < 1e-12);
-        assert!((boxed(3, &corners(0.02)) - 0.0096).abs() < 1e-12);
-        assert!((boxed(2, &flat) - 0.16).abs() < 1e-12);
+        assert!((boxed(3, sides(3, &faces(&CUBE, 0.02), &corners(0.02))) - 0.0096).abs() < 1e-12);
+        assert!((boxed(2, sides(2, &square, &flat)) - 0.16).abs() < 1e-12);
+    }
+
+    /// However the object lies in its frame, and which faces were felt.
+    #[test]
+    fn a_box_about_contacts_turns_with_them() {
+        for (dimension, axis) in [(2, Point::z()), (3, Point::new(1.0, -2.0, 0.5))] {
+            let turn = nalgebra::Rotation3::new(axis.normalize() * 0.6);
+            let points: Vec<Point> = corners(0.02)
+                .iter()
+                .map(|p| Point::new(p.x, 0.5 * p.y, if dimension == 2 { 0.0 } else { 2.0 * p.z }))
+                .collect();
+            let turned: Vec<Point> = points.iter().map(|p| turn * p).collect();
+            for felt in [1, 4, 6] {
+                let normals = if dimension == 2 { &CUBE[..felt.min(4)] } else { &CUBE[..felt] };
+                let straight = faces(normals, 0.02);
+                let lying: Vec<Face> =
+                    straight.iter().map(|f| Face { normal: turn * f.normal, ..*f }).collect();
+                let about = |faces: &[Face], points: &[Point]| {
+                    boxed(dimension, sides(dimension, faces, points))
+                };
+                let (size, other) = (about(&straight, &points), about(&lying, &turned));
+                let known = if dimension == 2 { 0.12 } else { 0.0112 };
+                let tells = dimension == 2 || felt > 1;
+                assert!(!tells || (size - known).abs() < 1e-12, "{size}");
+                assert!(!tells || (other - known).abs() < 1e-12, "{other}");
+                assert!(other >= known - 1e-12 && other < 2.0 * known, "{other}");
+            }
+        }
     }
 
     #[test]
@@ -165,7 +216,8 @@ mod tests {
 
     #[test]
     fn nothing_has_no_size() {
-        assert_eq!(boxed(3, &[]), 0.0);
+        assert_eq!(sides(3, &[], &[]), [0.0; 3]);
+        assert_eq!(sides(3, &faces(&CUBE, 0.02), &[]), [0.0; 3]);
         assert_eq!(convex(2, &faces(&CUBE[..4], 0.02), &[]), 0.0);
         // Two planes with their insides apart leave nothing between them.
         let apart = faces(&CUBE[..2], -0.01);

@@ -289,14 +289,15 @@ fn shape(problem: &Problem, state: &State, labels: &Labels, covariance: &DMatrix
     // In units of the extent, so that it is a number.
     let unit = problem.extent.powi(problem.dimension as i32 - 1);
     let count = problem.weight * points.len() as f64;
+    let sides = size::sides(problem.dimension, &state.faces, &points);
     let round = if problem.edges {
-        size::rounding(problem.dimension, &points, FINGERTIP) / unit
+        size::rounding(problem.dimension, sides, FINGERTIP) / unit
     } else {
         0.0
     };
     let surface = |size: f64| count * ((size / unit).max(LEAST_SIZE) + round).ln();
     let convex = outside + surface(size::convex(problem.dimension, &state.faces, &points));
-    let concave = CONCAVE + surface(size::boxed(problem.dimension, &points));
+    let concave = CONCAVE + surface(size::boxed(problem.dimension, sides));
     if convex.is_finite() { convex.min(concave) } else { concave }
 }
 

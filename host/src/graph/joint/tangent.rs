@@ -10,6 +10,9 @@ use crate::space::{Point, Pose};
 /// A pose's displacement: translation (metres), then rotation (radians), object axes.
 pub type Tangent = Vector6<f64>;
 
+/// Poses of one grasp nearer than this (metres, radians) are one answer.
+pub const SAME: [f64; 2] = [2e-3, 0.05];
+
 /// Which of the six numbers of a tangent a pose of `D` degrees of freedom has.
 pub fn axes<const D: usize>() -> [usize; D] {
     std::array::from_fn(|i| if D == 3 && i == 2 { 5 } else { i })
@@ -39,6 +42,12 @@ pub fn local(pose: &Pose, other: &Pose) -> Tangent {
     let step = pose.inv_mul(other);
     let (t, w) = (step.translation.vector, step.rotation.scaled_axis());
     Tangent::new(t.x, t.y, t.z, w.x, w.y, w.z)
+}
+
+/// Whether two poses are less apart than `apart`: metres, radians. Never of poses that are not finite.
+pub fn are_near(a: &Pose, b: &Pose, apart: [f64; 2]) -> bool {
+    let off = local(a, b);
+    off.fixed_rows::<3>(0).norm() < apart[0] && off.fixed_rows::<3>(3).norm() < apart[1]
 }
 
 /// Inverse of the right Jacobian of SO(3) at the rotation vector `w`: by how much the logarithm

@@ -8,7 +8,7 @@ use nalgebra::{Rotation3, UnitQuaternion};
 
 use super::registration::{Registered, RegistrationError, register};
 use super::similarity::{Touched, observable, pairs};
-use crate::graph::joint::tangent::local;
+use crate::graph::joint::tangent::{are_near, local};
 use crate::space::{Point, Pose};
 
 /// Normals within this angle match, radians: three deviations of what two contacts of 5° differ by.
@@ -72,7 +72,7 @@ pub fn alternatives(
         let apart = local(guess, &registered.pose);
         let near = apart.fixed_rows::<3>(0).norm() < allowed.translation
             && apart.fixed_rows::<3>(3).norm() < allowed.rotation;
-        let known = |other: &Alternative| same(&other.registered.pose, &registered.pose);
+        let known = |other: &Alternative| are_near(&other.registered.pose, &registered.pose, SAME);
         if near && plausible(&registered) && !found.iter().any(known) {
             found.push(Alternative { registered, matched });
         }
@@ -118,11 +118,6 @@ pub fn plausible(registered: &Registered) -> bool {
     let spread = 2.0 / (9.0 * n);
     let z = ((registered.chi2 / n).cbrt() - (1.0 - spread)) / spread.sqrt();
     z < GATE
-}
-
-fn same(a: &Pose, b: &Pose) -> bool {
-    let apart = local(a, b);
-    apart.fixed_rows::<3>(0).norm() < SAME[0] && apart.fixed_rows::<3>(3).norm() < SAME[1]
 }
 
 /// Rotations that lay a face of the one grasp on one of the other; in space, two on two.

@@ -12,7 +12,7 @@ use super::motion::{Motion, adjoint, carried};
 use super::similarity::{Similar, Touched};
 use crate::graph::joint::factors;
 use crate::graph::joint::problem::Problem;
-use crate::graph::joint::tangent::local;
+use crate::graph::joint::tangent::are_near;
 use crate::graph::pose::Edge;
 use crate::slam::track::Step;
 use crate::space::{Point, Pose};
@@ -225,7 +225,7 @@ impl Front<'_> {
             let own = modes.iter().map(|m| m.1).fold(0.0, f64::max).max(1e-9);
             for (pose, weight) in modes {
                 let to = moved(pose);
-                if poses.iter().all(|p| !same(p, &to)) && *weight > 0.0 && finite(&to) {
+                if poses.iter().all(|p| !are_near(p, &to, SAME)) && *weight > 0.0 && finite(&to) {
                     let cost = astray(&followed) - (weight / own).min(1.0).ln();
                     choices.extend(choice(pair, &to, &seen, cost));
                     poses.push(to);
@@ -239,7 +239,7 @@ impl Front<'_> {
             let dismissed = if sure && self.covariances[k].is_some() { DISMISSED } else { 0.0 };
             for other in &found {
                 let r = &other.registered;
-                if poses.iter().all(|p| !same(p, &r.pose)) {
+                if poses.iter().all(|p| !are_near(p, &r.pose, SAME)) {
                     // The object's pose after that step.
                     let to =
                         self.frames[k] * r.pose.inverse() * self.frames[k - 1].inverse() * before;
@@ -259,11 +259,6 @@ fn finite(pose: &Pose) -> bool {
 
 fn least(found: &[Alternative]) -> f64 {
     found.iter().map(|f| f.registered.chi2).fold(f64::INFINITY, f64::min)
-}
-
-fn same(a: &Pose, b: &Pose) -> bool {
-    let apart = local(a, b);
-    apart.fixed_rows::<3>(0).norm() < SAME[0] && apart.fixed_rows::<3>(3).norm() < SAME[1]
 }
 
 /// A relative pose as an edge; `None` where its covariance is of no use.

@@ -31,7 +31,7 @@ use self::marginals::marginals;
 use self::motion::{Motion, adjoint, carried};
 use self::similarity::{Touched, similar};
 use super::joint::problem::Problem;
-use super::joint::tangent::{local, six_by_six};
+use super::joint::tangent::{are_near, six_by_six};
 use super::pose::{Se2, Se3};
 use crate::log::GraspLog;
 use crate::reference::Contact;
@@ -216,7 +216,7 @@ fn judged(step: &Step, k: usize, explanations: &[Explanation], covariance: Matri
     let mut modes: Vec<(Pose, f64)> = Vec::new();
     for explanation in explanations {
         let pose = explanation.poses[k];
-        match modes.iter_mut().find(|(other, _)| same(other, &pose)) {
+        match modes.iter_mut().find(|(other, _)| are_near(other, &pose, SAME)) {
             Some(mode) => mode.1 += explanation.weight,
             None => modes.push((pose, explanation.weight)),
         }
@@ -230,11 +230,6 @@ fn judged(step: &Step, k: usize, explanations: &[Explanation], covariance: Matri
         other => other,
     };
     Step { pose, covariance, status, modes, ..step.clone() }
-}
-
-fn same(a: &Pose, b: &Pose) -> bool {
-    let apart = local(a, b);
-    apart.fixed_rows::<3>(0).norm() < SAME[0] && apart.fixed_rows::<3>(3).norm() < SAME[1]
 }
 
 /// The face of every usable contact, where the poses of `placing` put it as surely as they say.

@@ -3,6 +3,7 @@ use nalgebra::Point3;
 use super::alternatives::{Allowed, alternatives};
 use super::constraints::Rules;
 use super::*;
+use crate::graph::joint::tangent::local;
 use crate::log::LoggedGrasp;
 use crate::quantity::Deviation;
 use crate::sim::{Options, Touch, simulate};

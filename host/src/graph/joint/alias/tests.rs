@@ -36,7 +36,7 @@ fn the_first_grasps_at_a_look_alike_pose_come_back() {
         for (found, best) in found.state.poses.iter().zip(&best.state.poses) {
             let [found, best] = [(found, &wrong.poses[0]), (best, &state.poses[0])]
                 .map(|(pose, first)| pose * first.inverse());
-            assert!(same(&found, &best), "{until}: {found} {best}");
+            assert!(are_near(&found, &best, SAME), "{until}: {found} {best}");
         }
     }
 }

@@ -3,7 +3,7 @@ use super::descent::touches;
 use super::parts::candidates;
 use super::*;
 use crate::experiment::tracking::judge::{Judgement, Truth, judge};
-use crate::graph::joint::tangent::Face;
+use crate::graph::joint::tangent::{Face, local};
 use crate::log::GraspLog;
 use crate::quantity::Deviation;
 use crate::sim::{Options, Simulation, simulate};

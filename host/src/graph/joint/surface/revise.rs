@@ -12,7 +12,8 @@ use super::touch::{cost, normal};
 use super::{Fitted, placed, settle, without, worth};
 use crate::graph::joint::lone::{Between, least};
 use crate::graph::joint::problem::Problem;
-use crate::graph::joint::round::{same, spread};
+use crate::graph::joint::round::spread;
+use crate::graph::joint::tangent::{SAME, are_near};
 use crate::reference::Contact;
 use crate::space::Pose;
 
@@ -109,7 +110,7 @@ fn elsewhere<const D: usize>(
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut apart = vec![poses[grasp]];
     for (_, pose) in found {
-        if apart.len() <= TRIED && !apart.iter().any(|other| same(other, &pose)) {
+        if apart.len() <= TRIED && !apart.iter().any(|other| are_near(other, &pose, SAME)) {
             apart.push(pose);
         }
     }
