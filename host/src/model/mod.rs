@@ -6,6 +6,7 @@
 //! [`reference`](mod@crate::reference), with the same conventions: metres, the object frame, normals out
 //! of the object, the dimension 2 or 3.
 
+pub mod bare;
 pub mod body;
 pub mod doubt;
 pub mod faces;

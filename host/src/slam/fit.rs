@@ -93,6 +93,37 @@ pub fn fit(dimension: usize, contacts: &[Contact], free: &[Free]) -> Result<Fitt
     Ok(Fitted { kernel, surface: Blend::new(parts), is_explained })
 }
 
+/// The surfaces about those bodies alone that explain the contacts by themselves, where these felt few normals
+/// or none: points leave a process free to go anywhere between them. `None` where no body does.
+///
+/// # Errors
+/// As [`fit`].
+pub fn explained(
+    dimension: usize,
+    contacts: &[Contact],
+    free: &[Free],
+) -> Result<Option<Fitted>, Error> {
+    let judging = spread(contacts, JUDGING);
+    let all = candidates(dimension, contacts, &judging)?;
+    let is_fine = |c: &Candidate| c.explains() && c.evidence.is_finite();
+    let mut left: Vec<Candidate> = all.into_iter().filter(is_fine).collect();
+    left.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    let Some(best) = left.first() else { return Ok(None) };
+    let (kernel, most) = (best.found.kernel, best.evidence);
+    if contacts.len() > JUDGING {
+        left.truncate(1);
+    }
+    let mut parts = Vec::new();
+    for candidate in left {
+        let weight = (candidate.evidence - most).exp();
+        if weight > NEGLIGIBLE {
+            let model = candidate.model(dimension, contacts);
+            parts.push((weight, model.opened(dimension, contacts, free)?));
+        }
+    }
+    Ok(Some(Fitted { kernel, surface: Blend::new(parts), is_explained: true }))
+}
+
 /// Whether any body but the ball explains the contacts by itself.
 fn is_explained(candidates: &[Candidate]) -> bool {
     candidates.iter().skip(1).any(Candidate::explains)

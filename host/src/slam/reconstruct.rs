@@ -7,7 +7,7 @@ use nalgebra::Matrix6;
 use crate::experts;
 use crate::log::GraspLog;
 use crate::model::notched::Found;
-use crate::model::{Doubt, Faces, Mirror};
+use crate::model::{Doubt, Faces, Mirror, bare};
 use crate::reference::Contact;
 use crate::reference::gpis::Error as SurfaceError;
 use crate::shape::lattice::LatticeError;
@@ -164,7 +164,9 @@ pub fn reconstruct_known(
     let free = free(log, steps);
     let shape = match faces {
         None => shape(log.dimension, &all, &free, Poses::of(steps), choice, progress)?,
-        Some(faces) => of_known(faces, &all, &free, choice, progress)?,
+        Some(faces) => with_normals(log.dimension, &all, &free, |all| {
+            of_known(faces, all, &free, choice, progress)
+        })?,
     };
     Ok(Reconstruction::new(shape, placed))
 }
@@ -235,10 +237,33 @@ pub fn shape(
     choice: Choice,
     progress: Progress<'_>,
 ) -> Result<Shape, Error> {
-    if choice == Choice::Auto && poses == Poses::Known {
-        return among_wild(dimension, contacts, free, poses, progress);
+    let shape = |contacts: &[Contact]| {
+        if choice == Choice::Auto && poses == Poses::Known {
+            return among_wild(dimension, contacts, free, poses, progress);
+        }
+        shape_of(dimension, Felt::believed(contacts, free), &|| None, poses, choice, progress)
+    };
+    with_normals(dimension, contacts, free, shape)
+}
+
+/// The `shape` of contacts that get the likeliest normals where they felt none ([`bare`]). Where that is no
+/// flat one, bodies of few numbers that explain the points are better: a guess is no measurement.
+fn with_normals(
+    dimension: usize,
+    contacts: &[Contact],
+    free: &[Free],
+    shape: impl Fn(&[Contact]) -> Result<Shape, Error>,
+) -> Result<Shape, Error> {
+    let Some(guessed) = bare::guessed(dimension, contacts) else { return shape(contacts) };
+    let shape = shape(&guessed)?;
+    if matches!(shape.model, Model::Gp(_))
+        && is_dense(dimension, contacts)
+        && let Some(fitted) = fit::explained(dimension, contacts, free)?
+    {
+        let shape = Shape::curved(dimension, &fitted, Mirrored::unmoved(contacts))?;
+        return Ok(shape.doubted(open_beside(dimension, contacts, free)));
     }
-    shape_of(dimension, Felt::believed(contacts, free), &|| None, poses, choice, progress)
+    Ok(shape)
 }
 
 /// The same where some contacts may be wild.
