@@ -238,6 +238,29 @@ impl ExploreArgs {
     fn alpha(&self) -> f64 {
         self.alpha.unwrap_or(2.0)
     }
+
+    fn settings(&self) -> explore::Settings {
+        explore::Settings {
+            criterion: self.criterion,
+            candidates: match self.candidates {
+                Kinds::Fixed => Candidates::Fixed,
+                Kinds::Continuous => Candidates::Continuous(self.count()),
+                Kinds::Clusters => Candidates::Clusters(self.area.unwrap_or_default()),
+            },
+            planning: Planning {
+                batch: self.batch,
+                lookahead: self.lookahead,
+                cost: self.cost,
+                alpha: self.alpha(),
+            },
+            tracker: self.moving.then_some(self.tracker),
+            graph: self.graph,
+            until: self.until,
+            pose: self.pose,
+            most_actions: self.max_actions,
+            seed: self.seed,
+        }
+    }
 }
 
 /// Explores, writes the results and says what came of it.
@@ -259,26 +282,7 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
     };
     let hand = hand(&args.hand, &args.tips)?;
     let mut bench = Bench::with_hand(options, hand, args.table).map_err(Error::input)?;
-    let settings = explore::Settings {
-        criterion: args.criterion,
-        candidates: match args.candidates {
-            Kinds::Fixed => Candidates::Fixed,
-            Kinds::Continuous => Candidates::Continuous(args.count()),
-            Kinds::Clusters => Candidates::Clusters(args.area.unwrap_or_default()),
-        },
-        planning: Planning {
-            batch: args.batch,
-            lookahead: args.lookahead,
-            cost: args.cost,
-            alpha: args.alpha(),
-        },
-        tracker: args.moving.then_some(args.tracker),
-        graph: args.graph,
-        until: args.until,
-        pose: args.pose,
-        most_actions: args.max_actions,
-        seed: args.seed,
-    };
+    let settings = args.settings();
     let mut adviser = match &args.board {
         None => None,
         Some(port) if bench.log().dimension == 2 => Some(adviser::<Planar>(args, port)?),

@@ -384,6 +384,13 @@ impl fmt::Display for Table {
             )?;
         }
         for (class, covered, overconfident) in &self.classes {
+            if !self.rows.iter().any(|row| row.class == *class) {
+                writeln!(
+                    f,
+                    "  {class}: not judged, for their meshes are not there (docs/data.md)"
+                )?;
+                continue;
+            }
             writeln!(
                 f,
                 "  {class}: {} of the touched surface covered, {} of the untouched outside the band",

@@ -260,20 +260,14 @@ fn run(
     loop {
         let start = Instant::now();
         let steps = poses.after(bench.log());
-        let mut belief = match (settings.tracker, &before) {
-            (None, Some(before)) => before.after(bench.log(), &steps)?,
-            (None, None) => Belief::new(bench.log(), &steps)?,
-            (Some(_), _) => Belief::new(bench.log(), &beside_each_other(bench.log(), &steps))?,
-        };
-        (belief.hand, belief.table) = (bench.hand().clone(), bench.table());
+        let belief = believed(bench, settings, &steps, before.as_ref())?;
         next.learning = start.elapsed().as_secs_f64();
         let truth = true_frame(bench, settings, &steps);
         let (known, enough) = judge(&belief, &truth);
         next.known = known;
-        let tolerance = settings.pose.filter(|_| settings.tracker.is_some());
-        next.localised = tolerance.map(|tolerance| {
-            let before = before.as_ref().filter(|_| !is_lost(&steps));
-            before.map_or(0.0, |b| localization::known(b, &belief, bench.log(), &tolerance))
+        let sure = before.as_ref().filter(|_| !is_lost(&steps));
+        next.localised = settings.pose.filter(|_| settings.tracker.is_some()).map(|tolerance| {
+            sure.map_or(0.0, |before| localization::known(before, &belief, bench.log(), &tolerance))
         });
         let localised = next.localised.is_none_or(|p| p >= SURE);
         let log = bench.log();
@@ -337,6 +331,23 @@ fn run(
         next = Action { gain, choosing, refused, ..Action::new(placement, contacts) };
         before = Some(belief);
     }
+}
+
+/// What is believed after the log's last grasp. Where poses are given, `before` only learns that grasp.
+fn believed(
+    bench: &Bench,
+    settings: &Settings,
+    steps: &[Step],
+    before: Option<&Belief>,
+) -> Result<Belief, Error> {
+    let log = bench.log();
+    let mut belief = match (settings.tracker, before) {
+        (None, Some(before)) => before.after(log, steps)?,
+        (None, None) => Belief::new(log, steps)?,
+        (Some(_), _) => Belief::new(log, &beside_each_other(log, steps))?,
+    };
+    (belief.hand, belief.table) = (bench.hand().clone(), bench.table());
+    Ok(belief)
 }
 
 /// The first action. An articulated hand delimits the object by probing (thesis figure 4.2), all guarded

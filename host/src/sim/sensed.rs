@@ -68,49 +68,19 @@ pub fn sense(simulation: &mut Simulation, kind: Kind, seed: u64) -> Result<Sense
         return refused("a finger's skin", "another");
     };
     let [mut places, mut directions] = Random::streams(seed);
-    let fingers = log.fingers.len();
-    let mut forward: Vec<Forward> = Vec::new();
-    let mut sensors = Sensors {
-        kind,
-        skin: words::Skin { radius, length },
-        period: match kind {
-            Kind::Wrench => 1000,
-            Kind::Electrodes => 10_000,
-        },
-        calibration: Vec::new(),
-        rest: Vec::new(),
-    };
+    let (sensors, mut forward) =
+        mounted(kind, words::Skin { radius, length }, log.fingers.len(), seed);
     let step = f64::from(sensors.period) * 1e-6;
-    for finger in 0..fingers {
-        let seed = seed.wrapping_mul(31).wrapping_add(finger as u64);
-        forward.push(match kind {
-            Kind::Wrench => {
-                let transducer = Transducer::new(gauges::Options::default(), seed);
-                sensors.calibration.extend(transducer.calibration());
-                Forward::Wrench(Box::new(transducer))
-            }
-            Kind::Electrodes => {
-                Forward::Electrodes(Box::new(FluidFinger::new(film::Options::default(), seed)))
-            }
-        });
-        let rest = (0..TARE).map(|_| forward[finger].read(&[], GRAVITY, step)).collect();
-        sensors.rest.push(rest);
-    }
-    let mut estimators = Vec::new();
-    for finger in 0..fingers {
-        estimators.push(sensors.estimator(finger).map_err(SimError::Words)?);
-    }
+    let estimators = (0..log.fingers.len()).map(|finger| sensors.estimator(finger));
+    let mut estimators: Vec<_> = estimators.collect::<Result<_, _>>().map_err(SimError::Words)?;
     let mut sensed = Sensed { felt: 0, unfelt: 0 };
     let (mut points, mut normals) = (Vec::new(), Vec::new());
     for grasp in &mut log.grasps {
         for mut contact in std::mem::take(&mut grasp.contacts) {
             let (Some(finger), Some(normal)) = (contact.finger, contact.normal) else { continue };
-            let [low, high] = ALONG;
-            let along = low + (high - low) * places.unit();
-            let place = skin.at(along, places.around_zero(AROUND));
+            let place = skin.at(between(ALONG, &mut places), places.around_zero(AROUND));
             let fingertip = facing(&contact.point, &normal, &place, places.around_zero(0.5));
-            let [weakest, strongest] = FORCE;
-            let newtons = weakest + (strongest - weakest) * places.unit();
+            let newtons = between(FORCE, &mut places);
             let slide = SLIDE * places.unit();
             let push = Push::new(place, newtons, slide, directions.direction(3));
             let gravity = fingertip.rotation.inverse() * GRAVITY;
@@ -144,6 +114,38 @@ pub fn sense(simulation: &mut Simulation, kind: Kind, seed: u64) -> Result<Sense
     log.noise.normal = rms(&normals);
     sensors.put(log).map_err(SimError::Words)?;
     Ok(sensed)
+}
+
+/// Sensors in all fingertips, and what each reads while nothing touches it.
+fn mounted(kind: Kind, skin: words::Skin, fingers: usize, seed: u64) -> (Sensors, Vec<Forward>) {
+    let period = match kind {
+        Kind::Wrench => 1000,
+        Kind::Electrodes => 10_000,
+    };
+    let mut sensors = Sensors { kind, skin, period, calibration: Vec::new(), rest: Vec::new() };
+    let mut forward = Vec::new();
+    for finger in 0..fingers {
+        let seed = seed.wrapping_mul(31).wrapping_add(finger as u64);
+        let mut sensor = match kind {
+            Kind::Wrench => {
+                let transducer = Transducer::new(gauges::Options::default(), seed);
+                sensors.calibration.extend(transducer.calibration());
+                Forward::Wrench(Box::new(transducer))
+            }
+            Kind::Electrodes => {
+                Forward::Electrodes(Box::new(FluidFinger::new(film::Options::default(), seed)))
+            }
+        };
+        let step = f64::from(period) * 1e-6;
+        sensors.rest.push((0..TARE).map(|_| sensor.read(&[], GRAVITY, step)).collect());
+        forward.push(sensor);
+    }
+    (sensors, forward)
+}
+
+/// A number drawn evenly between two.
+fn between([low, high]: [f64; 2], random: &mut Random) -> f64 {
+    low + (high - low) * random.unit()
 }
 
 /// Magnitude of the force, newtons.

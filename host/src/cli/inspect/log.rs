@@ -166,32 +166,27 @@ impl Summary {
     /// In words, one line for each thing.
     pub(super) fn text(&self) -> String {
         let mut lines = Lines(String::new());
-        let Summary { grasps, contacts, noise, motion, truth, .. } = self;
         lines.add("what", format!("grasp log, version {VERSION}, {}D", self.dimension));
         if !self.description.is_empty() {
             lines.add("description", &self.description);
         }
-        let empty = some(grasps.empty, " without contacts");
-        lines.add(
-            "grasps",
-            format!("{}, numbers {}–{}{empty}", grasps.count, grasps.first, grasps.last),
-        );
-        if !grasps.missing.is_empty() {
-            let run = |[a, b]: &[u64; 2]| if a == b { a.to_string() } else { format!("{a}–{b}") };
-            let runs: Vec<_> = grasps.missing.iter().take(20).map(run).collect();
-            let more = if grasps.missing.len() > 20 { ", …" } else { "" };
-            lines.add("missing", format!("grasps {}{more}", runs.join(", ")));
-        }
-        if let Some(Seconds { first, last, longest_pause, longest_pause_before }) = &grasps.seconds
-        {
-            let pause = if *longest_pause > 0.0 {
-                format!(", longest pause {longest_pause:.2} s before grasp {longest_pause_before}")
-            } else {
-                String::new()
-            };
-            lines.add("time", format!("{first:.2}–{last:.2} s{pause}"));
-        }
-        let Contacts { count, fewest, most, with_normal, with_force, free, .. } = contacts;
+        self.grasps.tell(&mut lines);
+        self.felt(&mut lines);
+        self.moved(&mut lines);
+        let Truth { polygon, mesh, mesh_exists, poses } = &self.truth;
+        let shape = match (polygon, mesh) {
+            (Some(n), _) => format!("polygon of {n} vertices"),
+            (_, Some(mesh)) if *mesh_exists == Some(true) => format!("mesh {mesh}"),
+            (_, Some(mesh)) => format!("mesh {mesh}, which is missing"),
+            _ => "no shape".into(),
+        };
+        lines.add("truth", format!("{shape}, {poses} poses"));
+        lines.0
+    }
+
+    /// Contacts, who made them, and where they are.
+    fn felt(&self, lines: &mut Lines) {
+        let Contacts { count, fewest, most, with_normal, with_force, free, .. } = &self.contacts;
         lines.add("contacts", format!("{count}, {fewest}–{most} in a grasp, {with_normal} with normal, {with_force} with force, {free} free points"));
         for finger in &self.fingers {
             let name = finger.name.as_deref().unwrap_or("(no finger)");
@@ -202,40 +197,34 @@ impl Summary {
             let ends: Vec<_> = sensors.words.iter().map(|[a, b]| format!("{a}…{b}")).collect();
             lines.add("", format!("words {}", ends.join(", ")));
         }
-        if let Some(force) = &contacts.force {
+        if let Some(force) = &self.contacts.force {
             lines.add("force", force.text(1.0, "N"));
         }
-        for (name, span) in
-            [("span in world", &contacts.world), ("span in object", &contacts.object)]
-        {
-            if let Some([least, greatest]) = span {
-                let size: Vec<_> = least
-                    .iter()
-                    .zip(greatest)
-                    .map(|(a, b)| format!("{:.1}", (b - a) * 1e3))
-                    .collect();
-                lines.add(name, format!("{} mm", size.join(" × ")));
-            }
+        let spans =
+            [("span in world", &self.contacts.world), ("span in object", &self.contacts.object)];
+        for (name, span) in spans {
+            let Some([least, greatest]) = span else { continue };
+            let sides = least.iter().zip(greatest).map(|(a, b)| format!("{:.1}", (b - a) * 1e3));
+            lines.add(name, format!("{} mm", sides.collect::<Vec<_>>().join(" × ")));
         }
+    }
+
+    /// What noise the log states, and how the object moved.
+    fn moved(&self, lines: &mut Lines) {
+        let Summary { noise, motion, .. } = self;
         let mm = |x: Option<f64>| x.map_or("unknown".into(), |x| format!("{:.3} mm", x * 1e3));
         let deg =
             |x: Option<f64>| x.map_or("unknown".into(), |x| format!("{:.2}°", x.to_degrees()));
-        lines.add(
-            "contact noise",
-            format!("point {}, normal {}", mm(noise.point), deg(noise.normal)),
-        );
-        if let Some(own) = &contacts.normal_noise {
-            lines.add("", format!("own normal noise {}", own.text(1f64.to_degrees(), "°")));
-        }
-        lines.add(
-            "motion noise",
-            format!("translation {}, rotation {}", mm(noise.translation), deg(noise.rotation)),
-        );
-        lines.add(
-            "motion",
-            format!("known {} times{}", motion.known, some(motion.unknown, " times unknown")),
-        );
+        let (point, normal) = (mm(noise.point), deg(noise.normal));
+        lines.add("contact noise", format!("point {point}, normal {normal}"));
         let angle = 1f64.to_degrees();
+        if let Some(own) = &self.contacts.normal_noise {
+            lines.add("", format!("own normal noise {}", own.text(angle, "°")));
+        }
+        let (translation, rotation) = (mm(noise.translation), deg(noise.rotation));
+        lines.add("motion noise", format!("translation {translation}, rotation {rotation}"));
+        let unknown = some(motion.unknown, " times unknown");
+        lines.add("motion", format!("known {} times{unknown}", motion.known));
         for (name, spread, scale, unit) in [
             ("translation", &motion.translation, 1e3, "mm"),
             ("rotation", &motion.rotation, angle, "°"),
@@ -246,14 +235,6 @@ impl Summary {
                 lines.add("", format!("{name} {}", spread.text(scale, unit)));
             }
         }
-        let shape = match (&truth.polygon, &truth.mesh) {
-            (Some(n), _) => format!("polygon of {n} vertices"),
-            (_, Some(mesh)) if truth.mesh_exists == Some(true) => format!("mesh {mesh}"),
-            (_, Some(mesh)) => format!("mesh {mesh}, which is missing"),
-            _ => "no shape".into(),
-        };
-        lines.add("truth", format!("{shape}, {} poses", truth.poses));
-        lines.0
     }
 }
 
@@ -328,6 +309,27 @@ fn some(count: usize, what: &str) -> String {
 }
 
 impl Grasps {
+    fn tell(&self, lines: &mut Lines) {
+        let empty = some(self.empty, " without contacts");
+        lines.add("grasps", format!("{}, numbers {}–{}{empty}", self.count, self.first, self.last));
+        if !self.missing.is_empty() {
+            let run = |[a, b]: &[u64; 2]| if a == b { a.to_string() } else { format!("{a}–{b}") };
+            let runs: Vec<_> = self.missing.iter().take(20).map(run).collect();
+            let more = if self.missing.len() > 20 { ", …" } else { "" };
+            lines.add("missing", format!("grasps {}{more}", runs.join(", ")));
+        }
+        let Some(Seconds { first, last, longest_pause, longest_pause_before }) = &self.seconds
+        else {
+            return;
+        };
+        let pause = if *longest_pause > 0.0 {
+            format!(", longest pause {longest_pause:.2} s before grasp {longest_pause_before}")
+        } else {
+            String::new()
+        };
+        lines.add("time", format!("{first:.2}–{last:.2} s{pause}"));
+    }
+
     fn of(log: &GraspLog) -> Grasps {
         let mut missing = Vec::new();
         let mut seconds: Option<Seconds> = None;
