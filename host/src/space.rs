@@ -74,6 +74,16 @@ pub fn planar(x: f64, y: f64, angle: f64) -> Pose {
     )
 }
 
+/// Two unit directions square to each other and to a unit vector; in the plane the first alone, the other is
+/// zero.
+pub fn across(dimension: usize, n: &Point) -> [Point; 2] {
+    if dimension == 2 {
+        return [Point::new(-n.y, n.x, 0.0), Point::zeros()];
+    }
+    let first = n.cross(&Point::ith(n.iamin(), 1.0)).normalize();
+    [first, n.cross(&first)]
+}
+
 /// The turn of a planar pose about z, in (−π, π].
 pub fn angle(pose: &Pose) -> f64 {
     let q = pose.rotation.quaternion();

@@ -12,7 +12,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
-use crate::space::Point;
+use crate::space::{Point, across};
 
 /// Contacts that normals are sought for together in the plane and in space; the others get them from the
 /// surface of these.
@@ -49,7 +49,8 @@ pub fn guessed(dimension: usize, contacts: &[Contact]) -> Option<Vec<Contact>> {
     }
     let most = MOST[dimension - 2];
     let anchors: Vec<usize> = usable.iter().step_by(usable.len().div_ceil(most)).copied().collect();
-    let sought = Sought::of(dimension, anchors.iter().map(|i| contacts[*i]).collect())?;
+    let sought =
+        Sought::of(dimension, anchors.iter().filter_map(|i| contacts[*i].checked()).collect())?;
     let found = sought.found()?;
     for (i, (normal, deviation)) in anchors.iter().zip(&found) {
         if is_bare(i) {
@@ -268,15 +269,6 @@ fn energy(dimension: usize, contacts: &[Contact], kernel: &Kernel) -> Option<DMa
     let solved = values.cholesky()?.solve(&mixed.transpose());
     let given = slopes - mixed * solved;
     Some((0.5 * (&given + given.transpose())).cholesky()?.inverse())
-}
-
-/// Two directions across a unit vector; the first alone in the plane.
-fn across(dimension: usize, n: &Point) -> [Point; 2] {
-    if dimension == 2 {
-        return [Point::new(-n.y, n.x, 0.0), Point::zeros()];
-    }
-    let first = n.cross(&Point::ith(n.iamin(), 1.0)).normalize();
-    [first, n.cross(&first)]
 }
 
 fn stacked(d: usize, normals: &[Point]) -> DVector<f64> {

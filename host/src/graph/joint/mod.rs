@@ -173,4 +173,6 @@ fn round_bodies(problem: &Problem, given: &[&[Step]], search: bool) -> Vec<round
 }
 
 #[cfg(test)]
+mod frame_tests;
+#[cfg(test)]
 mod tests;

@@ -5,7 +5,7 @@
 
 use nalgebra::{Matrix3, Matrix6, SMatrix, UnitQuaternion, Vector3, Vector6};
 
-use crate::space::{Point, Pose};
+use crate::space::{Point, Pose, across};
 
 /// A pose's displacement: translation (metres), then rotation (radians), object axes.
 pub type Tangent = Vector6<f64>;
@@ -80,12 +80,7 @@ impl Face {
 
     /// The directions in which the normal can turn. In the plane the first alone keeps it there.
     pub fn tangents(&self, dimension: usize) -> [Point; 2] {
-        let n = self.normal;
-        if dimension == 2 {
-            return [Point::new(-n.y, n.x, 0.0), Point::zeros()];
-        }
-        let first = n.cross(&Point::ith(n.iamin(), 1.0)).normalize();
-        [first, n.cross(&first)]
+        across(dimension, &self.normal)
     }
 
     /// The face displaced: turns along the [tangents](Face::tangents) (radians), then the offset
