@@ -15,6 +15,7 @@ use super::{
 };
 
 mod item;
+mod single;
 
 /// Why a log cannot be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -66,7 +67,7 @@ pub enum LogError {
 impl GraspLog {
     /// Reads a log.
     ///
-    /// Checked: every line is one JSON object of at most 16 MiB; the first is a header of this
+    /// Checked: every line is one JSON object of at most 16 MiB in which no name stands twice; the first is a header of this
     /// format and version; dimension 2 or 3 and every vector and rotation of that dimension; all
     /// numbers finite and coordinates within [`super::MAX_COORDINATE`]; normals and quaternions of length
     /// one within 10⁻³ (then normalised); standard deviations positive; fingers named in the header;

@@ -108,6 +108,8 @@ fn files_that_are_not_logs_are_refused() {
         &format!("{HEADER2}\n{}", GRASP2.replace("1.5", "NaN")),
         "`: expected a finite number, a text",
     );
+    let twice = GRASP2.replace("\"contacts\"", "\"contacts\":[],\"contacts\"");
+    is(&format!("{HEADER2}\n{twice}"), ": \"contacts\" stands here twice");
     is(&"[".repeat(100_000), "line 1: malformed JSON");
     let error = GraspLog::parse(&b"{\"a\":\"\xff\"}"[..], Path::new("x")).unwrap_err();
     assert!(error.to_string().contains("line 1: is not UTF-8 text (byte 7"), "{error}");

@@ -140,7 +140,12 @@ impl Sensors {
             place: "the header".into(),
             reason: e.to_string(),
         };
-        Sensors::deserialize(value).map(Some).map_err(bad)
+        let sensors = Sensors::deserialize(value).map_err(bad)?;
+        if sensors.period == 0 {
+            let reason = "period is 0; expected the microseconds between readings".into();
+            return Err(WordsError::Field { field: HEADER, place: "the header".into(), reason });
+        }
+        Ok(Some(sensors))
     }
 
     /// Writes this into a log's header.

@@ -248,6 +248,9 @@ mod tests {
         singular.calibration[2] = [[0.0; 6]; 6];
         let error = singular.estimator(2).unwrap_err();
         assert!(error.to_string().contains("singular"), "{error}");
+        Sensors { period: 0, ..sensors }.put(&mut log).unwrap();
+        let error = Sensors::of(&log).unwrap_err();
+        assert!(error.to_string().contains("header: period is 0; expected"), "{error}");
         log.unknown.insert("sensors".into(), 3.into());
         let error = Sensors::of(&log).unwrap_err();
         assert!(error.to_string().contains("\"sensors\" of the header"), "{error}");

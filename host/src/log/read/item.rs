@@ -7,6 +7,7 @@ use serde_json::{Map, Value};
 
 use super::super::MAX_COORDINATE;
 use super::LogError;
+use super::single::{Single, TWICE};
 use crate::space::{self, Point, Pose};
 
 /// Unit vectors and quaternions may be this far off length one; they are then normalised.
@@ -43,7 +44,7 @@ impl<'a> Line<'a> {
             return Ok(None);
         }
         // Without its end, so that a line cut off inside a name or text is known as such.
-        let value: Value = serde_json::from_str(text.trim_end()).map_err(|e| {
+        let Single(value) = serde_json::from_str(text.trim_end()).map_err(|e| {
             self.problem(if e.is_eof() {
                 "is cut off in the middle of its JSON object (is the file truncated?)".to_string()
             } else {
@@ -267,6 +268,8 @@ fn malformed(text: &str, error: &serde_json::Error) -> String {
         "number out of range" => "expected a finite number, found one out of range",
         other => other,
     };
+    // A name that stands twice is named already, and what is before it is another.
+    let before = if message.ends_with(TWICE) { "" } else { before };
     let field = before.rsplit_once("\":").and_then(|(head, _)| head.rsplit_once('"'));
     let field = field.map_or(String::new(), |(_, name)| {
         format!(", field `{}`", name.chars().take(40).collect::<String>())

@@ -3,6 +3,7 @@
 use std::io::Write;
 
 use super::{Place, Soup, Wrong, check_length};
+use crate::log::read::unmarked;
 use crate::shape::Mesh;
 use crate::space::Point;
 
@@ -107,7 +108,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Soup, Wrong> {
 fn header(bytes: &[u8]) -> Result<(Vec<Element>, bool, Values<'_>), Wrong> {
     let mut elements: Vec<Element> = Vec::new();
     let mut ascii = None;
-    let mut position = 0;
+    let mut position = bytes.len() - unmarked(bytes).len();
     for number in 1.. {
         let place = Place::Line(number);
         let rest = &bytes[position..];

@@ -68,6 +68,7 @@ fn every_format_gives_the_same_tetrahedron() {
         3 0 2 1 0.5\n3 0 1 3 0.5\n4 0 3 2 2 0.5\n";
     // The quadrilateral repeats a corner only to test the fan.
     let mesh = parsed("a.ply", ply.as_bytes()).unwrap();
+    same(&parsed("a.ply", format!("\u{feff}{ply}").as_bytes()).unwrap(), &mesh);
     assert_eq!(mesh.triangles(), [[0, 2, 1], [0, 1, 3], [0, 3, 2], [0, 2, 2]]);
     assert_eq!(mesh.vertices()[2], Point::new(0.0, 1.0, 0.0));
 
