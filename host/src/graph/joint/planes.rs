@@ -88,7 +88,7 @@ pub struct Corrected {
     /// their faces are surface.
     pub cost: f64,
     /// χ² per degree of freedom of the contacts that lie on faces and edges, up to a tenth that are strange there left
-    /// out: about 1 on flat faces.
+    /// out, and of the motions, robustly: about 1 on flat faces.
     pub per_degree: f64,
 }
 
@@ -418,7 +418,7 @@ pub(super) fn criterion(problem: &Problem, found: &Corrected, numbers: usize) ->
         + 0.5 * numbers as f64 * measured.ln()
 }
 
-/// χ² of contacts and motions over the numbers measured less those found, without contacts that are strange.
+/// χ² of contacts, without those that are strange, and of motions, robustly, over the numbers measured less those found.
 fn per_degree(problem: &Problem, state: &State, labels: &Labels) -> f64 {
     let d = problem.dimension;
     let mut contacts: Vec<(f64, f64)> = Vec::with_capacity(labels.len());
@@ -443,7 +443,8 @@ fn per_degree(problem: &Problem, state: &State, labels: &Labels) -> f64 {
         let motion = &problem.motions[k];
         let (before, after) = (&state.poses[k - 1], &state.poses[k]);
         let step = step(before, after, &motion.pose, motion.deviations, &centre);
-        chi += step.residual.norm_squared();
+        // A slip says nothing about the faces.
+        chi += 2.0 * problem.slip.cost(step.residual.norm_squared()).0;
     }
     chi / (degrees - (d * state.faces.len()) as f64).max(1.0)
 }

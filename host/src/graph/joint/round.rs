@@ -246,6 +246,8 @@ fn settled<const D: usize>(problem: &Problem, mut ball: Hypothesis) -> Vec<Hypot
         }
         descend::<D>(problem, one, FINALLY, Free::All);
         one.bounded = true;
+        // What it costs so, to be compared.
+        descend::<D>(problem, one, TOGETHER, Free::All);
         *one = with_ends::<D>(problem, one.clone(), Free::All);
         descend::<D>(problem, one, FINALLY, Free::All);
     }

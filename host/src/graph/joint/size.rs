@@ -21,23 +21,25 @@ pub fn convex(dimension: usize, faces: &[Face], points: &[Point]) -> f64 {
     let count = points.len().max(1) as f64;
     let middle: Point = points.iter().sum::<Point>() / count;
     let reach = points.iter().map(|p| (p - middle).norm()).fold(0.0, f64::max) * OPEN;
-    let mut planes = faces.to_vec();
-    planes.extend(
-        rounds(dimension)
-            .into_iter()
-            .map(|normal| Face { normal, offset: normal.dot(&middle) + reach }),
-    );
-    (0..planes.len()).map(|j| piece(dimension, &planes, j, 4.0 * reach)).sum()
+    let cuts = rounds(dimension, &smallest(dimension, faces, points).0);
+    let cut = |normal: Point| Face { normal, offset: normal.dot(&middle) + reach };
+    let planes: Vec<Face> = faces.iter().copied().chain(cuts.into_iter().map(cut)).collect();
+    (0..planes.len()).map(|j| piece(dimension, &planes, j, &middle, 4.0 * reach)).sum()
 }
 
 /// Sides of the smallest box around the contacts of which one lies along a face, metres: whichever way the
 /// frame lies. The last is zero in the plane.
 pub fn sides(dimension: usize, faces: &[Face], points: &[Point]) -> [f64; 3] {
-    let along = faces.iter().map(|face| frame(dimension, faces, face));
-    let all = along.map(|axes| spans(dimension, &axes, points));
-    let size = |sides: &[f64; 3]| boxed(dimension, *sides);
-    let least = all.min_by(|a, b| size(a).total_cmp(&size(b)));
-    least.unwrap_or_else(|| spans(dimension, &[Point::x(), Point::y(), Point::z()], points))
+    smallest(dimension, faces, points).1
+}
+
+/// Axes of that box, and its sides.
+fn smallest(dimension: usize, faces: &[Face], points: &[Point]) -> ([Point; 3], [f64; 3]) {
+    let spanned = |axes: [Point; 3]| (axes, spans(dimension, &axes, points));
+    let along = faces.iter().map(|face| spanned(frame(dimension, faces, face)));
+    let size = |(_, sides): &([Point; 3], [f64; 3])| boxed(dimension, *sides);
+    let least = along.min_by(|a, b| size(a).total_cmp(&size(b)));
+    least.unwrap_or_else(|| spanned([Point::x(), Point::y(), Point::z()]))
 }
 
 /// Length or area of the surface of a box with these sides.
@@ -46,13 +48,13 @@ pub fn boxed(dimension: usize, [x, y, z]: [f64; 3]) -> f64 {
 }
 
 /// By how much larger than the surface of a box with these sides the one is where the centre of a ball of
-/// this radius (metres) can be that touches it.
+/// this radius (metres) can be that touches it: what Steiner's formula for the volume adds, by the radius.
 pub fn rounding(dimension: usize, sides: [f64; 3], radius: f64) -> f64 {
-    use std::f64::consts::{PI, TAU};
+    use std::f64::consts::TAU;
     if dimension == 2 {
         return TAU * radius;
     }
-    PI * sides.iter().sum::<f64>() * radius + 2.0 * TAU * radius * radius
+    TAU * sides.iter().sum::<f64>() * radius + 2.0 * TAU * radius * radius
 }
 
 /// Axes along a face's normal and, in space, the part across it of the normal that is squarest to it.
@@ -78,21 +80,21 @@ fn spans(dimension: usize, axes: &[Point; 3], points: &[Point]) -> [f64; 3] {
     })
 }
 
-/// Outward directions of the planes that cut.
-fn rounds(dimension: usize) -> Vec<Point> {
+/// Outward directions of the planes that cut, about these axes.
+fn rounds(dimension: usize, axes: &[Point; 3]) -> Vec<Point> {
     if dimension == 2 {
         let angle = |i: usize| (i as f64 * std::f64::consts::TAU / ROUND as f64).sin_cos();
-        return (0..ROUND).map(|i| Point::new(angle(i).1, angle(i).0, 0.0)).collect();
+        let turned = |(sine, cosine): (f64, f64)| axes[0] * cosine + axes[1] * sine;
+        return (0..ROUND).map(|i| turned(angle(i))).collect();
     }
-    let axes = [Point::x(), Point::y(), Point::z()];
     axes.iter().flat_map(|axis| [*axis, -axis]).collect()
 }
 
-/// What the other half-spaces leave of plane `j`.
-fn piece(dimension: usize, planes: &[Face], j: usize, reach: f64) -> f64 {
+/// What the other half-spaces leave of plane `j`, within `reach` of the point on it that is nearest to the middle.
+fn piece(dimension: usize, planes: &[Face], j: usize, middle: &Point, reach: f64) -> f64 {
     let face = &planes[j];
     let [t, u] = face.tangents(dimension);
-    let foot = face.normal * face.offset;
+    let foot = middle - face.normal * face.value(middle);
     let others = planes.iter().enumerate().filter(|(i, _)| *i != j).map(|(_, f)| f);
     if dimension == 2 {
         let (mut low, mut high) = (-reach, reach);
@@ -212,6 +214,46 @@ mod tests {
         let part: Vec<[f64; 3]> = [0, 1, 3, 4].map(|i| normals[i]).to_vec();
         assert!((whole - 6.0 * 0.08 / 3f64.sqrt()).abs() < 1e-12);
         assert!(convex(2, &faces(&part, 0.04), &touched) > 1.25 * whole);
+    }
+
+    /// Wherever the frame begins, and however it lies.
+    #[test]
+    fn what_is_open_is_as_large_elsewhere() {
+        let turn = nalgebra::Rotation3::new(Point::new(0.4, -0.7, 0.3));
+        let far = Point::new(1.0, 2.0, -1.5);
+        for felt in [2, 4, 6] {
+            let here = faces(&CUBE[..felt], 0.02);
+            let moved = |f: &Face| {
+                let normal = turn * f.normal;
+                Face { normal, offset: f.offset + normal.dot(&far) }
+            };
+            let there: Vec<Face> = here.iter().map(moved).collect();
+            let points: Vec<Point> = corners(0.02).iter().map(|p| turn * p + far).collect();
+            let [a, b] = [convex(3, &here, &corners(0.02)), convex(3, &there, &points)];
+            assert!((a - b).abs() < 1e-9, "{felt}: {a} {b}");
+        }
+        let flat = |far: Point| -> f64 {
+            let square = faces(&CUBE[..4], 0.02);
+            let moved = |f: &Face| Face { offset: f.offset + f.normal.dot(&far), ..*f };
+            let points: Vec<Point> =
+                corners(0.02).iter().map(|p| Point::new(p.x, p.y, 0.0) + far).collect();
+            convex(2, &square.iter().map(moved).collect::<Vec<_>>(), &points)
+        };
+        assert!((flat(Point::new(3.0, -4.0, 0.0)) - 0.16).abs() < 1e-9);
+    }
+
+    /// As the volume of a ball's dilation grows (Steiner).
+    #[test]
+    fn a_ball_rounds_edges_and_corners() {
+        let [a, b, c] = [0.1, 0.06, 0.05];
+        let surface = boxed(3, [a, b, c]);
+        let volume = |r: f64| {
+            use std::f64::consts::PI;
+            a * b * c + surface * r + PI * (a + b + c) * r * r + 4.0 / 3.0 * PI * r.powi(3)
+        };
+        let (r, h) = (8e-3, 1e-5);
+        let grows = (volume(r + h) - volume(r - h)) / (2.0 * h);
+        assert!((surface + rounding(3, [a, b, c], r) - grows).abs() < 1e-8);
     }
 
     #[test]

@@ -23,3 +23,15 @@ fn faces_fit_with_a_few_strange_contacts_and_not_with_many() {
     assert!(misfit(5, 4.1) < 1e-6 && misfit(5, 100.0) < 1e-6);
     assert!(misfit(6, 5.0) > 1.4);
 }
+
+#[test]
+fn a_slip_does_not_speak_against_faces() {
+    let mut log = exact("rectangle:0.10x0.06", 10);
+    let (_, state, labels) = at_truth(&log);
+    (log.noise.translation, log.noise.rotation) = (Some(2e-3), Some(0.05));
+    let slip = nalgebra::Translation3::new(0.03, 0.0, 0.0);
+    let motion = log.grasps[4].motion.as_mut().unwrap();
+    *motion = slip * *motion;
+    let per_degree = per_degree(&Problem::new(&log), &state, &labels);
+    assert!(per_degree > 0.1 && per_degree < 1.0, "{per_degree}");
+}

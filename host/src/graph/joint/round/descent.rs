@@ -150,9 +150,13 @@ pub(super) fn followed<const D: usize>(problem: &Problem, one: &Hypothesis) -> O
     let degrees = (explained.len() * problem.dimension) as f64 - body as f64;
     let inverse = linearise::<D>(problem, one)?.factor(0.0)?.inverse()?;
     let blocks = |all: &[SMatrix<f64, D, D>]| all.iter().map(six_by_six).collect();
+    // Other models' costs begin at contacts that are as exact as they say.
+    let field = one.body.field(one.ball.1)?;
+    let widening = |c: &Contact| problem.exact(&field.widened(c)[1]) - problem.exact(c);
+    let widened: f64 = problem.felt.iter().map(|felt| widening(&felt.contact)).sum();
     Some(Followed {
         poses: one.poses.clone(),
-        cost: one.cost,
+        cost: one.cost + widened,
         wild: share_wild(&touches),
         per_degree: 2.0 * (explained.iter().sum::<f64>() + rest) / degrees.max(1.0),
         round: one.body.is_round(one.ball.1),
