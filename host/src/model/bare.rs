@@ -47,8 +47,7 @@ pub fn guessed(dimension: usize, contacts: &[Contact]) -> Option<Vec<Contact>> {
     {
         return None;
     }
-    let most = MOST[dimension - 2];
-    let anchors: Vec<usize> = usable.iter().step_by(usable.len().div_ceil(most)).copied().collect();
+    let anchors = anchors(&usable, is_bare, MOST[dimension - 2]);
     let sought =
         Sought::of(dimension, anchors.iter().filter_map(|i| contacts[*i].checked()).collect())?;
     let found = sought.found()?;
@@ -64,11 +63,28 @@ pub fn guessed(dimension: usize, contacts: &[Contact]) -> Option<Vec<Contact>> {
             let apart = |c: &&Contact| (c.point - contacts[*i].point).norm_squared();
             let near = known.iter().min_by(|a, b| apart(a).total_cmp(&apart(b)));
             if let (Some(normal), Some(near)) = (normal, near) {
-                (all[*i].normal, all[*i].normal_deviation) = (Some(normal), near.normal_deviation);
+                // A felt one beside it is no guess.
+                let [least, most] = DEVIATION;
+                let deviation = near.normal_deviation.clamp(least, most);
+                (all[*i].normal, all[*i].normal_deviation) = (Some(normal), deviation);
             }
         }
     }
     Some(all)
+}
+
+/// Up to so many of these contacts, evenly through the list; half of them felt their normals, if so many did, which
+/// then say where the surface faces.
+fn anchors(usable: &[usize], is_bare: impl Fn(&usize) -> bool, most: usize) -> Vec<usize> {
+    let (bare, felt): (Vec<usize>, Vec<usize>) = usable.iter().copied().partition(is_bare);
+    let half = (most / 2).max(most.saturating_sub(bare.len())).min(felt.len());
+    let spread = |all: Vec<usize>, count: usize| {
+        let count = count.min(all.len());
+        (0..count).map(|i| all[i * all.len() / count]).collect::<Vec<usize>>()
+    };
+    let mut anchors = [spread(felt, half), spread(bare, most - half)].concat();
+    anchors.sort_unstable();
+    anchors
 }
 
 /// Normals to be found.
@@ -151,8 +167,8 @@ impl Sought {
             let mut gained = 0.0;
             for _ in 0..12 {
                 let mut damped = square.clone();
-                for i in 0..damped.nrows() {
-                    damped[(i, i)] += damping * self.energy[(i, i)].abs();
+                for (k, (i, _)) in tangents.iter().enumerate() {
+                    damped[(k, k)] += damping * self.stiffness(*i);
                 }
                 if let Some(step) = damped.cholesky().map(|c| -c.solve(&slope)) {
                     let mut moved = normals.clone();
@@ -174,6 +190,12 @@ impl Sought {
             }
         }
         (least, normals)
+    }
+
+    /// What the energy has of one contact's gradient on its own, on average over its directions.
+    fn stiffness(&self, i: usize) -> f64 {
+        let d = self.dimension;
+        (0..d).map(|a| self.energy[(i * d + a, i * d + a)].abs()).sum::<f64>() / d as f64
     }
 
     /// nᵀMn/2.

@@ -79,18 +79,8 @@ pub fn fit(dimension: usize, contacts: &[Contact], free: &[Free]) -> Result<Fitt
     }
     let candidates = candidates(dimension, contacts, contacts)?;
     let is_explained = is_explained(&candidates);
-    let mut kernel = candidates[0].found.kernel;
-    let (mut parts, mut most) = (Vec::new(), 0.0);
-    for (weight, candidate) in weights(&candidates, contacts.len()).into_iter().zip(candidates) {
-        if weight > NEGLIGIBLE {
-            let model = candidate.model(dimension, contacts);
-            parts.push((weight, model.opened(dimension, contacts, free)?));
-            if weight > most {
-                (kernel, most) = (model.kernel, weight);
-            }
-        }
-    }
-    Ok(Fitted { kernel, surface: Blend::new(parts), is_explained })
+    let weighed = weights(&candidates, contacts.len()).into_iter().zip(candidates);
+    blended(dimension, contacts, free, weighed.collect(), is_explained)
 }
 
 /// The surfaces about those bodies alone that explain the contacts by themselves, where these felt few normals
@@ -108,20 +98,32 @@ pub fn explained(
     let is_fine = |c: &Candidate| c.explains() && c.evidence.is_finite();
     let mut left: Vec<Candidate> = all.into_iter().filter(is_fine).collect();
     left.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-    let Some(best) = left.first() else { return Ok(None) };
-    let (kernel, most) = (best.found.kernel, best.evidence);
     if contacts.len() > JUDGING {
         left.truncate(1);
     }
-    let mut parts = Vec::new();
-    for candidate in left {
-        let weight = (candidate.evidence - most).exp();
-        if weight > NEGLIGIBLE {
-            let model = candidate.model(dimension, contacts);
-            parts.push((weight, model.opened(dimension, contacts, free)?));
+    let Some(most) = left.first().map(|best| best.evidence) else { return Ok(None) };
+    let weighed = left.into_iter().map(|c| ((c.evidence - most).exp(), c)).collect();
+    blended(dimension, contacts, free, weighed, true).map(Some)
+}
+
+/// The surfaces of all candidates that weigh something, of which there is one at least.
+fn blended(
+    dimension: usize,
+    contacts: &[Contact],
+    free: &[Free],
+    weighed: Vec<(f64, Candidate)>,
+    is_explained: bool,
+) -> Result<Fitted, Error> {
+    let (mut parts, mut kernel, mut most) = (Vec::new(), None, 0.0);
+    for (weight, candidate) in weighed.into_iter().filter(|(weight, _)| *weight > NEGLIGIBLE) {
+        let model = candidate.model(dimension, contacts);
+        parts.push((weight, model.opened(dimension, contacts, free)?));
+        if weight > most {
+            (kernel, most) = (Some(model.kernel), weight);
         }
     }
-    Ok(Some(Fitted { kernel, surface: Blend::new(parts), is_explained: true }))
+    let kernel = kernel.ok_or(Error::NoContacts)?;
+    Ok(Fitted { kernel, surface: Blend::new(parts), is_explained })
 }
 
 /// Whether any body but the ball explains the contacts by itself.

@@ -247,7 +247,8 @@ pub fn shape(
 }
 
 /// The `shape` of contacts that get the likeliest normals where they felt none ([`bare`]). Where that is no
-/// flat one, bodies of few numbers that explain the points are better: a guess is no measurement.
+/// flat one and most were guessed, bodies of few numbers that explain the points are better: a guess is no
+/// measurement.
 fn with_normals(
     dimension: usize,
     contacts: &[Contact],
@@ -256,14 +257,17 @@ fn with_normals(
 ) -> Result<Shape, Error> {
     let Some(guessed) = bare::guessed(dimension, contacts) else { return shape(contacts) };
     let shape = shape(&guessed)?;
-    if matches!(shape.model, Model::Gp(_))
-        && is_dense(dimension, contacts)
-        && let Some(fitted) = fit::explained(dimension, contacts, free)?
+    let felt = contacts.iter().filter(|c| c.normal.is_some()).count();
+    if !matches!(shape.model, Model::Gp(_))
+        || !is_dense(dimension, contacts)
+        || 2 * felt > contacts.len()
     {
-        let shape = Shape::curved(dimension, &fitted, Mirrored::unmoved(contacts))?;
-        return Ok(shape.doubted(open_beside(dimension, contacts, free)));
+        return Ok(shape);
     }
-    Ok(shape)
+    let trusted = only(contacts, &sift::trusted(dimension, contacts));
+    let Some(fitted) = fit::explained(dimension, &trusted, free)? else { return Ok(shape) };
+    let shape = Shape::curved(dimension, &fitted, Mirrored::unmoved(&trusted))?;
+    Ok(shape.doubted(open_beside(dimension, &trusted, free)))
 }
 
 /// The same where some contacts may be wild.
@@ -565,3 +569,7 @@ impl Reconstruction {
         }
     }
 }
+
+#[cfg(test)]
+#[path = "reconstruct_tests.rs"]
+mod tests;

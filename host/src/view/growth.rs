@@ -5,6 +5,7 @@ use std::collections::HashMap;
 
 use rayon::prelude::*;
 
+use crate::model::bare;
 use crate::reference::Contact;
 use crate::shape::{Field, Geometry, Mesh, Outline};
 use crate::slam::choose::{self, Model};
@@ -62,6 +63,7 @@ pub fn grow(
         .filter_map(|(grasp, count)| {
             let felt: Vec<Contact> = placed[..count].iter().map(|p| p.contact).collect();
             let contacts = evenly(&felt, CONTACTS[usize::from(dimension == 3)]);
+            let contacts = bare::guessed(dimension, &contacts).unwrap_or(contacts);
             let mut free = free(grasp + 1);
             let stride = free.len().div_ceil(FREE).max(1);
             free = free.into_iter().step_by(stride).collect();

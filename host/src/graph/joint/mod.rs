@@ -15,7 +15,7 @@
 //! `seat` finds other poses for grasps whose contacts still hang in the air. [`surface`] does for
 //! curved objects what faces do for flat ones, from the tracker's trajectory or those that [`round`]
 //! finds, and then tries single grasps elsewhere; `lone` finds the best pose of one grasp while all
-//! else stays.
+//! else stays. `supposed` has normals to begin with where none were felt.
 
 pub mod alias;
 pub mod arrow;
@@ -34,6 +34,7 @@ pub mod round;
 mod seat;
 pub mod size;
 pub mod solve;
+mod supposed;
 pub mod surface;
 pub mod tangent;
 
@@ -42,6 +43,7 @@ pub use planes::{Corrected, Effort, Plane, held, planes};
 use nalgebra::Matrix6;
 
 use crate::log::GraspLog;
+use crate::model::bare;
 use crate::reference::Contact;
 use crate::slam::choose::{self, only};
 use crate::slam::place::place;
@@ -49,6 +51,7 @@ use crate::slam::reconstruct::are_boxes;
 use crate::slam::track::Step;
 use crate::space::Pose;
 use problem::Problem;
+use supposed::supposed;
 
 /// Grasps from which on poses are corrected. Of fewer, many sets of poses lay all contacts on a few
 /// faces, the fewest faces win, and what comes of it looks more certain than it is.
@@ -65,7 +68,8 @@ const ROUND: usize = 2;
 /// ([`choose::judge`], or as a box less smaller boxes where contacts lie on no face), or by a round body or
 /// superquadric that explains the contacts to their noise and with fewer numbers; else by the smooth surface of
 /// least cost, whether it starts from the tracker's poses, from those of the faces or from those of a round body,
-/// with grasps at other poses where that costs less.
+/// with grasps at other poses where that costs less. In the plane, contacts without normals that no body explains are
+/// given some to begin with.
 /// `None` where the tracker's poses stand.
 pub fn correct(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
     corrected(log, steps, Effort::default())
@@ -82,6 +86,17 @@ fn corrected(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected
     if log.grasps.len() < ENOUGH {
         return None;
     }
+    let Some(told) = supposed(log) else { return modelled(log, steps, effort) };
+    let problem = Problem::new(log);
+    let round = round_bodies(&problem, &[steps], effort.retrack);
+    match round.first().filter(|body| body.is_body()) {
+        Some(body) => Some(bodily(&problem, body, steps)),
+        None => modelled(&told, steps, effort),
+    }
+}
+
+/// By the model that suits the contacts best.
+fn modelled(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected> {
     let problem = Problem::new(log);
     // In the plane faces are found at once, and an ellipse with two ends is nearly a hexagon.
     if log.dimension == 3 {
@@ -97,13 +112,17 @@ fn corrected(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected
     let believed = |flat: &Corrected| {
         let contacts = place(log, &flat.relative());
         let contacts: Vec<Contact> = contacts.into_iter().map(|p| p.contact).collect();
+        let boxed = || {
+            let guessed = bare::guessed(log.dimension, &contacts);
+            are_boxes(log.dimension, guessed.as_deref().unwrap_or(&contacts))
+        };
         let Some(faces) = flat.shape(log) else { return false };
         let trusted = only(&contacts, &choose::trusted(&faces, &contacts, &[]));
         if !choose::fit(flat.per_degree, &trusted) {
             return false;
         }
         choose::judge(log.dimension, &trusted, &[]).is_ok()
-            || flat.owners.contains(&None) && are_boxes(log.dimension, &contacts)
+            || flat.owners.contains(&None) && boxed()
     };
     let is_flat = flat.as_ref().is_some_and(believed);
     let round = round_bodies(&problem, &starts, effort.retrack && !is_flat);

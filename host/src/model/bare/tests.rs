@@ -63,6 +63,33 @@ fn points_alone_tell_where_a_surface_faces() {
     }
 }
 
+/// More contacts than are sought together, with fingers in turn of which one in three feels normals.
+#[test]
+fn guesses_among_many_are_no_measurements() {
+    let (dimension, felt) = felt("rectangle:0.12x0.06", 400, 2);
+    for turn in 0..3 {
+        let mut some = bared(&felt);
+        for i in (turn..felt.len()).step_by(3) {
+            // The other way round: what was felt says where outside is.
+            let normal = felt[i].normal.map(|n| -n);
+            some[i] = Contact { normal, normal_deviation: 0.02, ..felt[i] };
+        }
+        let with = guessed(dimension, &some).unwrap();
+        for (i, guess) in with.iter().enumerate() {
+            if i % 3 == turn {
+                assert_eq!(*guess, some[i]);
+            } else {
+                assert!(guess.normal_deviation >= 0.1, "{}", guess.normal_deviation);
+            }
+        }
+        let inward = with
+            .iter()
+            .zip(&felt)
+            .filter(|(guess, felt)| guess.normal.unwrap().dot(&felt.normal.unwrap()) < 0.0);
+        assert!(inward.count() > 380);
+    }
+}
+
 #[test]
 fn felt_normals_stay_and_help() {
     let (dimension, felt) = felt("lshape:0.09x0.09x0.035", 24, 3);

@@ -1,0 +1,34 @@
+use super::*;
+use crate::sim::{Options, Touch, simulate};
+
+/// Contacts of a ball of 80 mm that felt no normals, one of them so far outside.
+fn bare_ball(outside: f64) -> Vec<Contact> {
+    let options = Options {
+        touch: Touch::Uniform,
+        grasps: Some(1),
+        contacts: 100,
+        seed: 4,
+        ..Options::new("sphere:0.08".parse().unwrap())
+    };
+    let log = simulate(&options).unwrap().log;
+    let to_object = log.grasps[0].truth.unwrap().inverse();
+    let point = |p: &Point| (to_object * nalgebra::Point3::from(*p)).coords;
+    let contacts = log.grasps[0].contacts.iter().enumerate().map(|(i, c)| Contact {
+        point: point(&c.point) * if i == 30 { 1.0 + outside / 0.04 } else { 1.0 },
+        normal: None,
+        point_deviation: 1e-3,
+        normal_deviation: 0.0873,
+    });
+    contacts.collect()
+}
+
+#[test]
+fn a_wild_contact_without_a_normal_makes_no_bump() {
+    let reach = |outside: f64| {
+        let contacts = bare_ball(outside);
+        let shape = shape(3, &contacts, &[], Poses::Known, Choice::Auto, &|_, _| {}).unwrap();
+        let vertices = shape.geometry.vertices();
+        vertices.iter().map(|v| (v.norm() - 0.04).abs()).fold(0.0, f64::max)
+    };
+    assert!(reach(0.0) < 1.5e-3 && reach(8e-3) < 1.5e-3, "{} {}", reach(0.0), reach(8e-3));
+}
