@@ -176,7 +176,7 @@ pub struct Follower {
 }
 
 /// A tracker without its space.
-trait Follow {
+trait Follow: Send {
     fn take(&mut self, grasp: &LoggedGrasp, noise: &Noise) -> Step;
     fn recalled(&self, steps: &mut [Step]);
 }
@@ -186,7 +186,7 @@ struct In<S, T> {
     space: PhantomData<S>,
 }
 
-impl<S: Bridge, T: Tracker<S>> Follow for In<S, T> {
+impl<S: Bridge + Send, T: Tracker<S> + Send> Follow for In<S, T> {
     fn take(&mut self, grasp: &LoggedGrasp, noise: &Noise) -> Step {
         take(&mut *self.tracker, grasp, noise)
     }
@@ -198,7 +198,9 @@ impl<S: Bridge, T: Tracker<S>> Follow for In<S, T> {
 
 impl Follower {
     /// With a tracker that has seen nothing.
-    pub fn new<S: Bridge + 'static>(tracker: Box<impl Tracker<S> + 'static>) -> Follower {
+    pub fn new<S: Bridge + Send + 'static>(
+        tracker: Box<impl Tracker<S> + Send + 'static>,
+    ) -> Follower {
         Follower { tracker: Box::new(In { tracker, space: PhantomData }), steps: Vec::new() }
     }
 

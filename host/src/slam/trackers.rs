@@ -80,16 +80,27 @@ impl Kind {
 
     /// The tracker before the first grasp of a log, of which the dimension and the noise count.
     pub fn start(self, log: &GraspLog, seed: u64) -> Follower {
-        let settings = settings(log, seed);
-        // Each is built in a function of its own: they are large, and a stack frame holds them all.
-        match self {
-            Kind::Bootstrap => bootstrap(log.dimension, &settings),
-            Kind::Curved => curved(log.dimension, settings.motion),
-            Kind::Hypotheses => several_hypotheses(log.dimension, settings.motion),
-            Kind::RaoBlackwell => rao_blackwell(log.dimension, &settings),
-            Kind::Automatic => automatic(log.dimension, settings.motion),
-        }
+        let (dimension, settings) = (log.dimension, settings(log, seed));
+        roomy(|| match self {
+            Kind::Bootstrap => bootstrap(dimension, &settings),
+            Kind::Curved => curved(dimension, settings.motion),
+            Kind::Hypotheses => several_hypotheses(dimension, settings.motion),
+            Kind::RaoBlackwell => rao_blackwell(dimension, &settings),
+            Kind::Automatic => automatic(dimension, settings.motion),
+        })
     }
+}
+
+/// Bytes of stack that a tracker is built on.
+const ROOM: usize = 64 << 20;
+
+/// What is large passes over a stack on its way into its box: over one with room for it, whatever the caller's has.
+fn roomy<T: Send>(build: impl Fn() -> T + Sync) -> T {
+    let built = std::thread::scope(|scope| {
+        let thread = std::thread::Builder::new().stack_size(ROOM).spawn_scoped(scope, &build);
+        thread.ok()?.join().ok()
+    });
+    built.unwrap_or_else(build)
 }
 
 /// Contacts the host's tracker keeps before it lets the redundant go.
@@ -264,23 +275,37 @@ fn rao_blackwell(dimension: usize, settings: &Settings) -> Follower {
 
 #[cfg(test)]
 mod tests {
+    use clap::ValueEnum;
+
     use super::*;
-    use crate::experiment::with_room;
     use crate::sim::{Options, simulate};
+
+    /// A thread's usual stack is enough for every tracker.
+    #[test]
+    fn trackers_need_no_stack_of_their_caller() {
+        for object in ["rectangle:0.1x0.06", "box:0.1x0.06x0.05"] {
+            let options = Options { grasps: Some(2), ..Options::new(object.parse().unwrap()) };
+            let log = simulate(&options).unwrap().log;
+            let small = std::thread::Builder::new().stack_size(1 << 20);
+            let followed = move || {
+                let follow = |kind: &Kind| kind.follow(&log, 1).len();
+                Kind::value_variants().iter().map(follow).collect::<Vec<_>>()
+            };
+            assert_eq!(small.spawn(followed).unwrap().join().unwrap(), [2; 5], "{object}");
+        }
+    }
 
     #[test]
     fn one_grasp_after_the_other_is_as_good_as_all_at_once() {
         let options =
             Options { grasps: Some(5), ..Options::new("rectangle:0.1x0.06".parse().unwrap()) };
         let log = simulate(&options).unwrap().log;
-        with_room(|| {
-            let mut follower = Kind::Hypotheses.start(&log, 3);
-            assert!(follower.steps().is_empty());
-            for (k, grasp) in log.grasps.iter().enumerate() {
-                follower.take(grasp, &log.noise);
-                let so_far = GraspLog { grasps: log.grasps[..=k].to_vec(), ..log.clone() };
-                assert_eq!(follower.steps(), Kind::Hypotheses.follow(&so_far, 3), "{k}");
-            }
-        });
+        let mut follower = Kind::Hypotheses.start(&log, 3);
+        assert!(follower.steps().is_empty());
+        for (k, grasp) in log.grasps.iter().enumerate() {
+            follower.take(grasp, &log.noise);
+            let so_far = GraspLog { grasps: log.grasps[..=k].to_vec(), ..log.clone() };
+            assert_eq!(follower.steps(), Kind::Hypotheses.follow(&so_far, 3), "{k}");
+        }
     }
 }

@@ -45,7 +45,6 @@ pub(super) fn supposed(log: &GraspLog) -> Option<GraspLog> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiment::with_room;
     use crate::graph::joint::correct;
     use crate::quantity::Deviation;
     use crate::sim::{Options, simulate};
@@ -87,7 +86,7 @@ mod tests {
     #[test]
     fn poses_are_found_without_normals() {
         let [_, bare] = logs("triangle:0.06", 5);
-        let steps = with_room(|| Kind::Automatic.follow(&bare, 0));
+        let steps = Kind::Automatic.follow(&bare, 0);
         let corrected = correct(&bare, &steps).unwrap();
         let off = |steps: &[crate::slam::track::Step]| {
             let truth = bare.grasps.iter().map(|g| g.truth.unwrap());
