@@ -69,7 +69,7 @@ pub fn read(path: &Path, fixed: Fixed) -> Result<(GraspLog, Vec<Contact>), Conta
 ///
 /// Contacts of earlier grasps are carried along by the motions that the log states, and the noise
 /// it states for these widens their deviations: by nσ² after n motions, turns counted at the
-/// contact's distance from the middle of its grasp. That these errors are common to the contacts of
+/// contact's distance from the middle of all. That these errors are common to the contacts of
 /// a grasp is not used.
 ///
 /// # Errors
@@ -78,25 +78,17 @@ pub fn from_log(log: &GraspLog, fixed: Fixed) -> Result<Vec<Contact>, ContactsEr
     if log.dimension != 3 {
         return Err(ContactsError::Planar);
     }
-    let mut contacts = Vec::new();
+    // With the number of motions since each was felt.
+    let mut contacts: Vec<(Contact, f64)> = Vec::new();
     // From the grasp at hand to the last.
     let mut onwards = Pose::identity();
     let mut motions = 0.0;
     for (k, grasp) in log.grasps.iter().enumerate().rev() {
-        let middle = grasp.contacts.iter().map(|c| c.point).sum::<Point>()
-            / grasp.contacts.len().max(1) as f64;
         let placed = grasp.contacts.iter().map(|c| {
-            let (point, normal) = deviations(c, &log.noise);
-            let shift = log.noise.translation.unwrap_or(0.0);
-            let turn = log.noise.rotation.unwrap_or(0.0);
-            let at_rim = turn * (c.point - middle).norm();
-            let moved = motions * (shift * shift + at_rim * at_rim);
-            Contact {
-                point: (onwards * Point3::from(c.point)).coords,
-                normal: c.normal.map(|n| onwards.rotation * n),
-                point_deviation: (point * point + moved).sqrt(),
-                normal_deviation: (normal * normal + motions * turn * turn).sqrt(),
-            }
+            let (point_deviation, normal_deviation) = deviations(c, &log.noise);
+            let point = (onwards * Point3::from(c.point)).coords;
+            let normal = c.normal.map(|n| onwards.rotation * n);
+            (Contact { point, normal, point_deviation, normal_deviation }, motions)
         });
         contacts.extend(placed);
         if k > 0 && fixed == Fixed::No {
@@ -106,7 +98,19 @@ pub fn from_log(log: &GraspLog, fixed: Fixed) -> Result<Vec<Contact>, ContactsEr
             motions += 1.0;
         }
     }
-    Ok(contacts)
+    let middle =
+        contacts.iter().map(|(c, _)| c.point).sum::<Point>() / contacts.len().max(1) as f64;
+    let [shift, turn] = [log.noise.translation, log.noise.rotation].map(Option::unwrap_or_default);
+    let widened = contacts.into_iter().map(|(contact, motions)| {
+        let root = motions.sqrt();
+        let moved = root * shift.hypot(turn * (contact.point - middle).norm());
+        Contact {
+            point_deviation: contact.point_deviation.hypot(moved),
+            normal_deviation: contact.normal_deviation.hypot(root * turn),
+            ..contact
+        }
+    });
+    Ok(widened.collect())
 }
 
 #[cfg(test)]
@@ -151,6 +155,25 @@ mod tests {
         // Or all stay.
         let still = from_log(&log, Fixed::Yes).unwrap();
         assert!(still.iter().all(|c| c.point.z == 0.0 && c.point_deviation == 0.002));
+    }
+
+    /// Fingers that touch in turn turn about the object's middle, not each about itself.
+    #[test]
+    fn turns_count_where_contacts_are_far_apart() {
+        let still = Some(Pose::identity());
+        let [left, right] = [-0.05, 0.05].map(|x| Point::new(x, 0.0, 0.0));
+        let grasps = vec![grasp(0, None, left), grasp(1, still, right), grasp(2, still, left)];
+        let mut log = log(grasps);
+        log.noise.rotation = Some(0.3);
+        let contacts = from_log(&log, Fixed::No).unwrap();
+        let mut deviations: Vec<f64> = contacts.iter().map(|c| c.point_deviation).collect();
+        deviations.sort_by(f64::total_cmp);
+        let middle: f64 = -0.05 / 3.0;
+        let after = |n: f64, x: f64| (4e-6 + n * (9e-6 + (0.3 * (x - middle)).powi(2))).sqrt();
+        let expected = [0.002, after(2.0, -0.05), after(1.0, 0.05)];
+        for (found, expected) in deviations.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-12, "{deviations:?}");
+        }
     }
 
     #[test]

@@ -22,6 +22,8 @@ use std::time::Duration;
 use serde_json::{Map, Value, json};
 use tactile_core::wire::{PROTOCOL, seal, unseal};
 
+use super::MAX_FINGERS;
+
 const FORMAT: &str = "tactile-recording";
 const VERSION: u64 = 1;
 /// Kind, time, stuffing, CRC and delimiter of a piece.
@@ -85,12 +87,20 @@ impl Header {
             Some(3) => 3,
             _ => return Err("field `dimension`: expected 2 or 3".into()),
         };
-        let fingers = fields.get("fingers").and_then(Value::as_array);
-        let names = fingers.into_iter().flatten().filter_map(Value::as_str);
+        // One left out would give all after it another's name.
+        let names = || "field `fingers`: expected at most 255 names, each once".to_string();
+        let fingers: Vec<String> = match fields.get("fingers") {
+            None | Some(Value::Null) => Vec::new(),
+            Some(value) => serde_json::from_value(value.clone()).map_err(|_| names())?,
+        };
+        let is_new = |(i, name): (usize, &String)| !fingers[..i].contains(name);
+        if fingers.len() > MAX_FINGERS || !fingers.iter().enumerate().all(is_new) {
+            return Err(names());
+        }
         Ok(Header {
             protocol,
             dimension,
-            fingers: names.map(str::to_owned).collect(),
+            fingers,
             description: text("description").unwrap_or_default().to_owned(),
         })
     }
@@ -399,5 +409,11 @@ mod tests {
         let ours = format!("\"protocol\":{PROTOCOL}");
         assert!(refuse(&good.replace(&ours, "\"protocol\":77")).contains("77"));
         assert!(refuse(&good.replace("\"dimension\":2", "\"dimension\":4")).contains("2 or 3"));
+        let named = |names: &str| good.replace("\"fingers\":[]", &format!("\"fingers\":{names}"));
+        let header = Header::from_json(named("[\"ff\",\"rf\"]").as_bytes()).unwrap();
+        assert_eq!(header.fingers, ["ff", "rf"]);
+        for wrong in ["[\"ff\",null,\"rf\"]", "[\"ff\",\"ff\"]", "\"ff\""] {
+            assert!(refuse(&named(wrong)).contains("`fingers`"), "{wrong}");
+        }
     }
 }

@@ -21,7 +21,8 @@ pub fn write_atomically(
 ) -> std::io::Result<()> {
     // Through a symbolic link the file it names is replaced, not the link.
     let target: PathBuf = std::fs::canonicalize(path).unwrap_or_else(|_| path.into());
-    if let Ok(metadata) = std::fs::metadata(&target) {
+    let old = std::fs::metadata(&target);
+    if let Ok(metadata) = &old {
         if metadata.is_dir() {
             return Err(Error::new(ErrorKind::IsADirectory, "it is a folder"));
         }
@@ -56,6 +57,10 @@ pub fn write_atomically(
     fill(&mut writer)?;
     writer.flush()?;
     drop(writer);
+    // Whoever may read the old file may read the new one, and nobody else.
+    if let Ok(metadata) = old {
+        file.as_file().set_permissions(metadata.permissions())?;
+    }
     file.persist(&target).map_err(|e| e.error)?;
     Ok(())
 }

@@ -131,7 +131,8 @@ fn is_unimodal(step: &Step) -> bool {
 }
 
 /// δᵀP⁻¹δ of an estimated pose, given its true one and the `frame`: the estimated object frame to the
-/// true one. `None` where the covariance has no inverse.
+/// true one. Infinite where the covariance has no inverse, for then there is a direction without any doubt; `None` where
+/// it is zero, which says nothing.
 fn normalised_error(
     dimension: usize,
     step: &Step,
@@ -148,8 +149,11 @@ fn normalised_error(
     let axes: &[usize] = if dimension == 2 { &[0, 1, 5] } else { &[0, 1, 2, 3, 4, 5] };
     let covariance =
         DMatrix::from_fn(axes.len(), axes.len(), |i, j| step.covariance[(axes[i], axes[j])]);
-    let error = off.dot(&covariance.cholesky()?.solve(&off));
-    error.is_finite().then_some(error)
+    if covariance.iter().all(|c| *c == 0.0) {
+        return None;
+    }
+    let error = covariance.cholesky().map(|c| off.dot(&c.solve(&off)));
+    Some(error.filter(|error| error.is_finite()).unwrap_or(f64::INFINITY))
 }
 
 impl Consistency {
@@ -157,10 +161,11 @@ impl Consistency {
         let (low, high) = BANDS[usize::from(dimension == 3)];
         let freedom = if dimension == 2 { 3.0 } else { 6.0 };
         let sample: Vec<f64> = sample.collect();
+        let finite: Vec<f64> = sample.iter().copied().filter(|e| e.is_finite()).collect();
         Consistency {
             within: Proportion::of(sample.iter().map(|e| (low..=high).contains(e))),
             per_degree: Spread::of(sample.iter().map(|e| e / freedom)),
-            mean: sample.iter().sum::<f64>() / (freedom * sample.len().max(1) as f64),
+            mean: finite.iter().sum::<f64>() / (freedom * finite.len().max(1) as f64),
         }
     }
 }
@@ -237,6 +242,13 @@ mod tests {
         }
         let certain = Step::certain(truly);
         assert_eq!(normalised_error(2, &certain, &truly, &frame, &truth), None);
+        // Sure of all but one direction: as wrong as can be.
+        let mut sure = certain;
+        sure.covariance[(0, 0)] = 1e-6;
+        assert_eq!(normalised_error(2, &sure, &truly, &frame, &truth), Some(f64::INFINITY));
+        let some = Consistency::of(2, [f64::INFINITY, 3.0].into_iter());
+        assert_eq!(some.within, Proportion::of([false, true]));
+        assert_eq!((some.per_degree.unwrap().median, some.mean), (1.0, 1.0));
     }
 
     #[test]

@@ -59,8 +59,10 @@ impl Fit {
             Disagreement { name: graph.name(edge), chi2, p }
         };
         let all = edges.len() as f64;
-        // p falls as χ² rises, but for edges of lower rank: these are too few to be looked for.
-        let improbable = edges.iter().map(judged).take_while(|e| e.p * all < MISTAKES).count();
+        // p falls as χ² rises, but for edges of lower rank: these are too few to be looked for. Indefinite ones have none.
+        let is_mistaken = |e: &Disagreement| e.p * all < MISTAKES;
+        let with_p = edges.iter().map(judged).filter(|e| !e.p.is_nan());
+        let improbable = with_p.take_while(is_mistaken).count();
         Fit {
             chi2,
             degrees: degrees(graph),
