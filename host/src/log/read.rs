@@ -67,14 +67,14 @@ pub enum LogError {
 impl GraspLog {
     /// Reads a log.
     ///
-    /// Checked: every line is one JSON object of at most 16 MiB in which no name stands twice; the first is a header of this
-    /// format and version; dimension 2 or 3 and every vector and rotation of that dimension; all
-    /// numbers finite and coordinates within [`super::MAX_COORDINATE`]; normals and quaternions of length
-    /// one within 10⁻³ (then normalised); standard deviations positive; fingers named in the header;
-    /// grasp numbers ascending, times neither negative nor running backwards; at most
-    /// [`MAX_CONTACTS`] contacts and free points in a grasp; at least one grasp. A grasp without
-    /// contacts is fine, as are blank lines. `null` means the same as a missing field. Whether a
-    /// mesh named as the true shape exists is not checked here.
+    /// Checked: every line is one JSON object of at most 16 MiB in which no name stands twice; the
+    /// first is a header of this format and version; dimension 2 or 3 and every vector and rotation of
+    /// that dimension; all numbers finite and coordinates within [`super::MAX_COORDINATE`]; normals and
+    /// quaternions of length one within 10⁻³ (then normalised); standard deviations positive; fingers
+    /// named in the header; grasp numbers ascending, times neither negative nor running backwards; at
+    /// most [`MAX_CONTACTS`] contacts and free points in a grasp; at least one grasp. A grasp without
+    /// contacts is fine, as are blank lines. `null` means the same as a missing field. Whether a mesh
+    /// named as the true shape exists is not checked here.
     ///
     /// # Errors
     /// [`LogError`] naming file, line, field and what was expected.
