@@ -465,3 +465,16 @@ fn real_logs_are_read() {
     }
     assert!(count > 0, "no logs in the data folder");
 }
+
+#[cfg(unix)]
+#[test]
+fn a_private_file_stays_private() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.jsonl");
+    let log = parse(&format!("{HEADER2}\n{GRASP2}")).unwrap();
+    log.write(&path).unwrap();
+    std::fs::set_permissions(&path, PermissionsExt::from_mode(0o600)).unwrap();
+    log.write(&path).unwrap();
+    assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
+}

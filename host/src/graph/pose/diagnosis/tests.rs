@@ -177,6 +177,12 @@ fn the_edge_that_disagrees_is_named_with_its_probability() {
     assert!((fit.worst[0].p - 1.54e-5).abs() < 1e-7, "{}", fit.worst[0].p);
     assert!((fit.worst[1].p - 0.9691).abs() < 1e-4, "{}", fit.worst[1].p);
     assert_eq!(fit.improbable, 1);
+    // One that rewards disagreement has no probability, and hides no other.
+    let mut rewarding = graph.clone();
+    rewarding.edges[5].measured.translation.x += 5.0;
+    rewarding.edges[5].information[(1, 1)] = -1.0;
+    let both = Fit::of(&rewarding, 1);
+    assert!(both.worst[0].p.is_nan() && both.improbable == 1);
     assert!(fit.remarks()[0].contains("the worst is 13 → 14, χ² 25.0000"), "{:?}", fit.remarks());
     graph.edges[3].measured.translation.x += 50.0;
     assert!(Fit::of(&graph, 2).remarks()[0].contains("times what the information says"));
