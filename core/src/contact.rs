@@ -34,7 +34,7 @@ pub enum ContactError {
 impl core::fmt::Display for ContactError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
-            ContactError::Point => "the point must be finite",
+            ContactError::Point => "the point must be within 1000 km",
             ContactError::Normal => "the normal must have length 1 within 0.001",
             ContactError::Deviation => "standard deviations must be finite and positive",
         })
@@ -43,14 +43,18 @@ impl core::fmt::Display for ContactError {
 
 impl core::error::Error for ContactError {}
 
+/// Farthest that a contact may be from the origin, metres.
+const FARTHEST: f32 = 1e6;
+
 impl<S: Space> Contact<S> {
     /// The contact with its normal scaled to exactly one.
     ///
     /// # Errors
-    /// When a number is not finite, the normal is off unit length by more than 10⁻³, or a
-    /// standard deviation is not positive.
+    /// When a number is not finite, the point farther away than 1000 km, the normal off unit length by more
+    /// than 10⁻³, or a standard deviation not positive.
     pub fn checked(mut self) -> Result<Self, ContactError> {
-        if !self.point.is_finite() {
+        // Squares of what is farther away would be infinite.
+        if !(self.point.norm() <= FARTHEST) {
             return Err(ContactError::Point);
         }
         if let Some(n) = self.normal {

@@ -162,7 +162,7 @@ pub fn sin_cos(x: f32) -> (f32, f32) {
 pub fn atan2(y: f32, x: f32) -> f32 {
     let (ax, ay) = (x.abs(), y.abs());
     let (large, small) = if ax > ay { (ax, ay) } else { (ay, ax) };
-    if !(large > 0.0) || large == f32::INFINITY {
+    if !(large > 0.0 && small >= 0.0) || large == f32::INFINITY {
         return 0.0;
     }
     let t = small / large;
@@ -237,7 +237,7 @@ mod tests {
         assert_eq!(sin_cos(f32::NAN), (0.0, 1.0));
         assert_eq!(sin_cos(f32::INFINITY), (0.0, 1.0));
         assert_eq!(atan2(0.0, 0.0), 0.0);
-        assert_eq!(atan2(f32::NAN, 1.0), 0.0);
+        assert_eq!((atan2(f32::NAN, 1.0), atan2(1.0, f32::NAN)), (0.0, 0.0));
         assert!((atan2(0.0, -1.0) - PI).abs() < 1e-6);
         assert!(sqrt(-1.0).is_nan());
     }

@@ -336,7 +336,8 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     fn refitted(&self) -> P {
         self.prior.fitted(self.leaders().map(|leader| {
             let site = &self.sites[leader];
-            (site.point, site.felt.then_some(site.normal))
+            // One that took in other contacts has the mean of their normals.
+            (site.point, site.felt.then(|| site.normal.normalized()).flatten())
         }))
     }
 

@@ -282,6 +282,10 @@ impl<S: Space, const NODES: usize> Surface<S> for Grid<S, NODES> {
             let (Some(value), Some(node)) = (values.get(index), nodes.get(index)) else {
                 continue;
             };
+            // Infinite at a node where nothing is known.
+            if weight == 0.0 {
+                continue;
+            }
             probe.value += weight * value;
             probe.gradient += node.gradient * weight;
             probe.variance += weight * node.variance;

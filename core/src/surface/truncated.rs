@@ -223,8 +223,10 @@ impl<
     fn insert(&mut self, contact: &Contact<S>) -> Insertion {
         let Ok(contact) = contact.checked() else { return Insertion::Dropped };
         let owner = self.file(&contact);
+        let cut = owner.is_some_and(|number| self.faces.cuts(number));
         self.review(owner, &contact);
-        if owner.is_some_and(|number| self.faces.cuts(number)) {
+        // Given back with its face, if that is bent.
+        if cut || owner.is_some_and(|number| self.faces.cuts(number)) {
             return Insertion::Stored;
         }
         if owner.is_some_and(|number| self.faces.is_wild(number, &contact)) {

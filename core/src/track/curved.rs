@@ -220,7 +220,7 @@ impl<
         let first = &mut self.hypotheses[0];
         let pose = S::Pose::from_translation(centroid);
         (first.poses[0], first.about[0], first.base) = (pose, pose, pose);
-        (first.covariance, first.evidence, first.weight) = (S::Covariance::ZERO, 0.0, 1.0);
+        (first.covariance, first.free, first.weight) = (S::Covariance::ZERO, 0.0, 1.0);
         first.number = 1;
         for (belief, touch) in first.beliefs.iter_mut().zip(self.memory.touches()) {
             // Nothing depends on it: this pose has no error.
@@ -231,6 +231,8 @@ impl<
         self.count = 1;
         self.started = true;
         self.lay(0);
+        // Every later one is the density of all that is remembered.
+        self.hypotheses[0].evidence = self.evidence_of(0, self.memory.grasps().len());
         dropped
     }
 

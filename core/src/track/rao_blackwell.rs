@@ -222,7 +222,8 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
         let (noise, mut random) = (noise.after_losing(lost), random.clone());
         let felt = centroid(grasp);
         let contacts = grasp.usable().count() as u32;
-        let enough = math::max(3.0, 0.6 * contacts as f32);
+        // Two fingers must agree; one alone fits anywhere.
+        let enough = math::max(contacts.clamp(2, 3) as f32, 0.6 * contacts as f32);
         let (mut strange, mut fitting, mut total) = (0.0, 0.0, 0.0);
         let mut greatest = f32::NEG_INFINITY;
         for (i, particle) in self.particles.iter().enumerate() {

@@ -168,7 +168,7 @@ struct Near<'a, S: Space> {
     /// From the site to the point, and its square.
     d: S::Vector,
     d2: f32,
-    /// The kernel there, never nearer than the [`KINK`], and b′/r.
+    /// The kernel there, and b′/r; this and b never nearer than the [`KINK`].
     radial: Radial,
     third: f32,
 }
@@ -264,7 +264,12 @@ fn visit_group<S: Space, K: Kernel, const N: usize>(
     let d: [S::Vector; N] = from_fn(|n| point - sites[n].point);
     let d2 = d.map(|d| d.norm_squared());
     let there = kernel.radials_and_thirds(d2.map(|d2| math::max(d2, KINK)));
-    for (n, (radial, third)) in there.into_iter().enumerate() {
+    for (n, (mut radial, third)) in there.into_iter().enumerate() {
+        if d2[n] < KINK {
+            // The field itself and its slope are as they are.
+            let Radial { k, a, .. } = kernel.radial(d2[n]);
+            (radial.k, radial.a) = (k, a);
+        }
         each(Near { site: &sites[n], d: d[n], d2: d2[n], radial, third });
     }
 }

@@ -99,6 +99,7 @@ impl<
             self.map.refit();
         }
         self.laid = number;
+        gained += candidate.free;
         let evidence = self.hypotheses[parent].evidence + gained;
         if evidence.is_finite()
             && let Some(slot) = self.cradle(evidence)
@@ -106,6 +107,7 @@ impl<
             self.children[slot] = self.hypotheses[parent];
             let child = &mut self.children[slot];
             (child.evidence, child.number) = (evidence, number);
+            child.free += candidate.free;
             self.trajectory.settle(&self.map, self.settled, &self.memory, child);
             child.covariance = self.trajectory.covariance(&self.map, self.settled);
         }

@@ -4,7 +4,7 @@
 use core::f32::consts::PI;
 
 use super::memory::Touch;
-use super::small::{Definite, log_normal_below, times};
+use super::small::{Definite, times};
 use super::trajectory::{bounded, lever};
 use crate::contact::FreePoint;
 use crate::math;
@@ -29,6 +29,9 @@ const SAME: Separation = Separation { translation: 0.003, rotation: 0.06 };
 /// Deviation of a free fingertip, metres: it has a radius.
 const TIP: f32 = 0.004;
 
+/// How often the surface is wrong about where a finger met nothing: much of it is untouched.
+const DOUBT: f32 = 0.05;
+
 /// Gaussian belief over a pose.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Prediction<S: Space> {
@@ -42,6 +45,8 @@ pub(super) struct Prediction<S: Space> {
 pub(super) struct Candidate<S: Space> {
     pub pose: S::Pose,
     pub score: f32,
+    /// What of it is due to fingers that met nothing.
+    pub free: f32,
 }
 
 /// The best different candidates, best first.
@@ -53,7 +58,7 @@ pub(super) struct Candidates<S: Space> {
 
 impl<S: Space> Candidates<S> {
     pub fn new() -> Self {
-        let none = Candidate { pose: S::Pose::IDENTITY, score: f32::NEG_INFINITY };
+        let none = Candidate { pose: S::Pose::IDENTITY, score: f32::NEG_INFINITY, free: 0.0 };
         Candidates { list: [none; CANDIDATES], count: 0 }
     }
 
@@ -193,7 +198,8 @@ impl<S: Space, M: Revisable<S>> Scene<'_, S, M> {
             if step == STEPS || move_by.norm_squared() < SETTLED {
                 let prior = -0.5 * apart.dot(pull);
                 let score = normal.log + prior - solved.half_log_determinant();
-                return Some(Candidate { pose, score: score + self.log_free(&pose) });
+                let free = self.log_free(&pose);
+                return Some(Candidate { pose, score: score + free, free });
             }
             pose = pose.retract(move_by);
         }
@@ -247,7 +253,8 @@ impl<S: Space, M: Revisable<S>> Scene<'_, S, M> {
             let probe: Probe<S> = self.map.probe(pose.untransform(free.point));
             let slope = math::max(probe.gradient.norm(), LEAST_SLOPE);
             let deviation = math::sqrt(TIP * TIP + probe.variance / (slope * slope));
-            sum += log_normal_below(probe.value / (slope * deviation));
+            let outside = math::normal(probe.value / (slope * deviation)).1;
+            sum += math::ln(DOUBT + (1.0 - 2.0 * DOUBT) * outside);
         }
         sum
     }

@@ -1,6 +1,5 @@
 //! Positive definite systems of a pose's size.
 
-use crate::math;
 use crate::matrix::{Coordinates, Square};
 use crate::space::Space;
 use crate::surface::cholesky::{Cholesky, packed};
@@ -105,11 +104,4 @@ pub(super) fn carried<S: Space>(a: &S::Covariance, m: &S::Covariance) -> S::Cova
         }
     }
     carried
-}
-
-/// ln Φ(z), Φ the normal distribution, within 0.1 above −3 (the logistic approximation of Bowling
-/// et al. 2009), never below −15.
-pub(super) fn log_normal_below(z: f32) -> f32 {
-    let z = math::max(math::min(z, 8.0), -4.7);
-    -math::ln(1.0 + math::exp(-z * (1.5976 + 0.070_56 * z * z)))
 }

@@ -101,10 +101,12 @@ impl<
         hypothesis.covariance = self.trajectory.covariance(&self.map, self.settled);
     }
 
-    /// Log density of the contacts of a hypothesis of which so many grasps are laid.
+    /// Log density of the contacts of a hypothesis of which so many grasps are laid, and of where fingers
+    /// met nothing.
     pub(super) fn evidence_of(&self, index: usize, grasps: usize) -> f32 {
         let contacts = self.memory.touches_of(grasps);
-        self.map.log_density_since(self.settled) + self.hypotheses[index].price(0..contacts)
+        let hypothesis = &self.hypotheses[index];
+        self.map.log_density_since(self.settled) + hypothesis.price(0..contacts) + hypothesis.free
     }
 }
 

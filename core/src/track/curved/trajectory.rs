@@ -37,8 +37,10 @@ pub(super) struct Hypothesis<S: Space, const GRASPS: usize, const CONTACTS: usiz
     /// Tells it from the others of its grasp; not zero.
     pub number: u16,
     pub beliefs: [Belief<S>; CONTACTS],
-    /// Log density of all remembered contacts, their poses marginalised (Laplace).
+    /// Log density of all remembered contacts, their poses marginalised (Laplace), and of `free`.
     pub evidence: f32,
+    /// Log probability that the fingers which met nothing so far were outside.
+    pub free: f32,
     /// Covariance of the last pose.
     pub covariance: S::Covariance,
     pub weight: f32,
@@ -52,6 +54,7 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize> Hypothesis<S, GRASPS,
         number: 0,
         beliefs: [Belief::UNSET; CONTACTS],
         evidence: 0.0,
+        free: 0.0,
         covariance: S::Covariance::ZERO,
         weight: 0.0,
     };

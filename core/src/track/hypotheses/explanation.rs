@@ -80,8 +80,9 @@ impl<
         };
         let (known, wild) = (usize::from(best.known), usize::from(best.wild));
         let mapped = self.best().is_some_and(|b| b.faces > S::DIMENSION);
-        let nowhere =
-            if lost { known < S::DIMENSION + 1 || 3 * wild > count } else { 2 * wild > count };
+        // Fewer fingers than that must all agree, and one alone fits anywhere.
+        let enough = (S::DIMENSION + 1).min(count).max(2);
+        let nowhere = if lost { known < enough || 3 * wild > count } else { 2 * wild > count };
         if mapped && nowhere {
             return Outcome { lost: true, ..Outcome::default() };
         }
