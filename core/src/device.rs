@@ -313,6 +313,8 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize, const FINGERS: usize>
         match command {
             Command::Hello { .. } => {
                 self.greeted = true;
+                // Who greets has asked for no contacts yet, whoever did before.
+                self.fingers.set_stream(0)?;
                 self.answer.add(board.now(), Report::Hello(self.hello::<B>()));
             }
             Command::Ping => {}

@@ -103,10 +103,16 @@ impl<P: Sampler> Watched<P> {
         if rests {
             return Ok(None);
         }
-        let outcome = match polled {
-            Ok(None) if now.wrapping_sub(self.since) >= PATIENCE_US => Err(DriverError::Timeout),
-            other => other,
-        };
+        let outcome =
+            match polled {
+                Ok(Some(reading)) => Ok(Some(reading)),
+                // Noise without end is no answer either.
+                Ok(None)
+                | Err(
+                    DriverError::Crc { .. } | DriverError::Parity { .. } | DriverError::Command,
+                ) if now.wrapping_sub(self.since) >= PATIENCE_US => Err(DriverError::Timeout),
+                other => other,
+            };
         let time = self.begun.unwrap_or(now);
         self.begun = self.sensor.is_under_way().then_some(time);
         match &outcome {

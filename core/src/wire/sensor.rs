@@ -116,10 +116,9 @@ pub enum SensorPart {
         /// Centre of mass in the fingertip frame, metres.
         centre: [f32; 3],
     },
-    /// Where the skin is.
+    /// Where the skin is. It does not end until an [`Edge`](Self::Edge) is told after it.
     Skin(Skin),
-    /// Where the skin ends: unit vector towards the skin, metres along it. Without this part it
-    /// does not end.
+    /// Where the skin told before ends: unit vector towards the skin, metres along it.
     Edge {
         /// Unit vector.
         normal: [f32; 3],

@@ -17,6 +17,13 @@ pub use spi::{Chip, Delay, Ready, chip, ready};
 const CRYSTAL: u32 = number(option_env!("TACTILE_HSE_HZ"), 8_000_000);
 /// Speed of the UART, for `TACTILE_BAUD` at build time.
 const BAUD: u32 = number(option_env!("TACTILE_BAUD"), 115_200);
+
+// The PLL divides by whole megahertz; the UART by 16 to 65535, of 84 MHz and of the 16 MHz without the crystal.
+const _: () = assert!(
+    CRYSTAL.is_multiple_of(1_000_000) && CRYSTAL >= 4_000_000 && CRYSTAL <= 26_000_000,
+    "TACTILE_HSE_HZ: a crystal of 4 to 26 whole megahertz"
+);
+const _: () = assert!(BAUD >= 1_300 && BAUD <= 1_000_000, "TACTILE_BAUD: from 1300 to 1000000");
 /// Internal oscillator.
 const INTERNAL: u32 = 16_000_000;
 /// Readings of a flag before it is given up: milliseconds, several times what the manual asks.
@@ -188,7 +195,8 @@ impl Board for Stm32f405 {
 /// A decimal number given at build time, or the default; not a number stops the build.
 const fn number(digits: Option<&str>, default: u32) -> u32 {
     let Some(digits) = digits else { return default };
-    let (bytes, mut value, mut i) = (digits.as_bytes(), 0, 0);
+    let (bytes, mut value, mut i) = (digits.as_bytes(), 0_u32, 0);
+    assert!(!bytes.is_empty(), "a whole number of hertz or baud");
     while i < bytes.len() {
         assert!(bytes[i].is_ascii_digit(), "a whole number of hertz or baud");
         value = value * 10 + (bytes[i] - b'0') as u32;

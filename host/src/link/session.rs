@@ -6,6 +6,7 @@
 //! a five-finger grasp and its answer spend 32 ms (planar) or 41 ms (spatial) on the line, at
 //! 921 600 baud an eighth of that.
 
+use std::collections::VecDeque;
 use std::io;
 use std::time::{Duration, Instant};
 
@@ -34,6 +35,12 @@ pub use sensed::SensedError;
 
 /// Bytes of a board's longest answer.
 const ANSWER: usize = 4 * MAX_FRAME;
+
+/// Contacts kept for [`Session::contacts`] at most, the latest: five minutes of five fingers at 200 Hz.
+const KEPT: usize = 300_000;
+
+/// How many times as long as the longest before a commit may take until it is sent again.
+const LONGER: u32 = 4;
 
 /// How long to wait before a command is sent again, and how often.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -140,7 +147,11 @@ pub struct Session<S: WireSpace, L> {
     settings: Settings,
     committed: u32,
     repeated: u32,
-    contacts: Vec<FeltContact<S>>,
+    contacts: VecDeque<FeltContact<S>>,
+    /// Contacts heard in all.
+    heard: u64,
+    /// What a commit took at most.
+    longest: Duration,
 }
 
 /// What came with a reply.
@@ -186,7 +197,9 @@ impl<S: WireSpace, L: Link> Session<S, L> {
             settings: Settings::DEFAULT,
             committed: 0,
             repeated: 0,
-            contacts: Vec::new(),
+            contacts: VecDeque::new(),
+            heard: 0,
+            longest: Duration::ZERO,
         };
         let answer = session.ask("hello", Command::Hello { protocol: PROTOCOL })?;
         if let Some(hello) = answer.hello
@@ -341,7 +354,7 @@ impl<S: WireSpace, L: Link> Session<S, L> {
 
     /// Takes out what was felt and heard since the last call, in the order it came.
     pub fn contacts(&mut self) -> Vec<FeltContact<S>> {
-        std::mem::take(&mut self.contacts)
+        std::mem::take(&mut self.contacts).into()
     }
 
     /// Has a scripted sensor show words; gives what it feels then, if the finger touches.
@@ -349,12 +362,13 @@ impl<S: WireSpace, L: Link> Session<S, L> {
     /// # Errors
     /// No answer, no such finger, or one whose sensor is real.
     pub fn show(&mut self, words: WordsFrame) -> Result<Option<FeltContact<S>>, SessionError> {
-        let before = self.contacts.len();
+        let before = self.heard;
         self.ask("words", Command::Words(words))?;
+        let new = (self.heard - before) as usize;
         let mine = |felt: &FeltContact<S>| {
             felt.contact.finger == words.finger && felt.time == words.time.0
         };
-        Ok(self.contacts.iter().skip(before).copied().find(mine))
+        Ok(self.contacts.iter().rev().take(new).copied().find(mine))
     }
 
     /// How a finger of the board fares.
@@ -478,23 +492,28 @@ impl<S: WireSpace, L: Link> Session<S, L> {
         // What the board has of a damaged frame ends here.
         again.push(0);
         again.extend_from_slice(wire);
-        let wait = match command {
-            Command::Hello { .. } => self.patience.greeting,
-            Command::Commit | Command::Query(Topic::BestCandidate(_)) => self.patience.update,
-            _ => self.patience.reply,
-        };
+        let wait = self.wait(&command);
+        // Nothing else tells that what was felt is missing from an answer.
+        let may_hold_contacts = matches!(command, Command::Commit | Command::Words(_));
         let mut answer = Answer::default();
         for attempt in 0..self.patience.attempts {
             self.repeated += u32::from(attempt > 0);
             // The first greeting may also find a board with half a frame.
             let first = attempt == 0 && !matches!(command, Command::Hello { .. });
             self.link.send(if first { wire } else { &again })?;
+            // Where a board takes longer than it ever did, it gets the time.
+            let wait = (wait * (1 << attempt.min(8))).min(wait.max(self.patience.update));
             let deadline = Instant::now() + wait;
             // What came with an answer that was cut short comes again.
             answer.felt.clear();
+            let (sent, damaged) = (Instant::now(), self.decoder.counters().damaged());
             if self.hear(name, Some(sequence), deadline, &mut answer)?
+                && !(may_hold_contacts && self.decoder.counters().damaged() > damaged)
                 && let Some(result) = found(&mut answer)
             {
+                if let Command::Commit = command {
+                    self.longest = self.longest.max(sent.elapsed());
+                }
                 return Ok(result);
             }
         }
@@ -508,6 +527,20 @@ impl<S: WireSpace, L: Link> Session<S, L> {
                 counters.damaged()
             ),
         })
+    }
+
+    /// How long the answer to a command is waited for at first. What a commit takes changes little from one to
+    /// the next; where it does, the board hears the same command again and answers it once more.
+    fn wait(&self, command: &Command<S>) -> Duration {
+        let Patience { greeting, reply, update, .. } = self.patience;
+        match command {
+            Command::Hello { .. } => greeting,
+            Command::Commit if !self.longest.is_zero() => {
+                (LONGER * self.longest).max(reply).min(update)
+            }
+            Command::Commit | Command::Query(Topic::BestCandidate(_)) => update,
+            _ => reply,
+        }
     }
 
     /// Collects reports until the reply to `sequence`, if any: true. False when the time is over; what
@@ -550,7 +583,11 @@ impl<S: WireSpace, L: Link> Session<S, L> {
                 Report::Contact(_) if received.arrival == Arrival::Doubled => {}
                 Report::Contact(contact) => {
                     let time = received.frame.time.0;
-                    self.contacts.push(FeltContact { time, contact });
+                    if self.contacts.len() >= KEPT {
+                        self.contacts.pop_front();
+                    }
+                    self.contacts.push_back(FeltContact { time, contact });
+                    self.heard += 1;
                 }
                 Report::Reply(reply) if Some(reply.to) == sequence => {
                     return match reply.refusal {

@@ -2,7 +2,7 @@
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::Link;
 
@@ -50,20 +50,23 @@ impl Link for Tcp {
     }
 
     fn receive(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<usize> {
-        // A timeout of zero would mean for ever.
-        self.stream.set_read_timeout(Some(timeout.max(Duration::from_millis(1))))?;
-        match self.stream.read(bytes) {
-            Ok(0) => Err(io::Error::new(ErrorKind::UnexpectedEof, "the board closed the link")),
-            Ok(count) => Ok(count),
-            Err(error)
-                if matches!(
-                    error.kind(),
-                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-                ) =>
-            {
-                Ok(0)
-            }
-            Err(error) => Err(error),
+        let deadline = Instant::now() + timeout;
+        loop {
+            // A timeout of zero would mean for ever.
+            let left = deadline.saturating_duration_since(Instant::now());
+            self.stream.set_read_timeout(Some(left.max(Duration::from_millis(1))))?;
+            return match self.stream.read(bytes) {
+                Ok(0) => Err(io::Error::new(ErrorKind::UnexpectedEof, "the board closed the link")),
+                Ok(count) => Ok(count),
+                // A stopped program goes on listening.
+                Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+                Err(error)
+                    if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) =>
+                {
+                    Ok(0)
+                }
+                Err(error) => Err(error),
+            };
         }
     }
 }

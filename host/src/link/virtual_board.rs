@@ -14,6 +14,9 @@ use tactile_core::wire::{BoardKind, TrackerKind, WireSpace};
 
 use super::Link;
 
+/// How long a board that samples is left alone.
+const BETWEEN_SAMPLES: Duration = Duration::from_micros(200);
+
 /// A device and the bytes it has sent. Its fingertip sensors, if any, are scripted.
 pub struct VirtualBoard<T, S: WireSpace, const CONTACTS: usize, const FINGERS: usize = 0> {
     device: Box<Device<T, S, CONTACTS, FINGERS>>,
@@ -98,10 +101,16 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize, const FINGERS: usize> L
         Ok(())
     }
 
-    fn receive(&mut self, bytes: &mut [u8], _: Duration) -> io::Result<usize> {
+    fn receive(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        let deadline = Instant::now() + timeout;
         // Whoever listens gives the board time to look at its sensors.
-        if self.wires.is_sampling() {
+        while self.wires.is_sampling() {
             self.device.sense(&mut self.wires);
+            let left = deadline.saturating_duration_since(Instant::now());
+            if !self.wires.board().sent.is_empty() || left.is_zero() {
+                break;
+            }
+            std::thread::sleep(left.min(BETWEEN_SAMPLES));
         }
         let sent = &mut self.wires.board().sent;
         let count = bytes.len().min(sent.len());
