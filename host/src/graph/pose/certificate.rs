@@ -343,7 +343,7 @@ impl<'p, const H: usize, const N: usize> Dual<'p, H, N> {
         match self.matrix.clone().solve(&mut solved) {
             Ok(()) => {
                 let gap = self.slack + dot(&self.gradient, &solved);
-                if gap <= TOLERANCE * chi2 + ROUNDING {
+                if gap.is_finite() && gap <= TOLERANCE * chi2 + ROUNDING {
                     Certificate::Certified { chi2, gap }
                 } else {
                     Certificate::Bounded { chi2, gap }

@@ -2,6 +2,7 @@
 
 use nalgebra::SMatrix;
 
+use super::diagnosis::Kind;
 use super::error::Error;
 use super::{Edge, Group, PoseGraph};
 
@@ -40,13 +41,7 @@ impl<G: Group<D>, const D: usize> PoseGraph<G, D> {
             return Err(Error::PoseNotFinite { id: self.ids[pose] });
         }
         for (edge, e) in self.edges.iter().enumerate() {
-            let (from, to) = (self.ids[e.from], self.ids[e.to]);
-            if !(e.measured.is_finite() && e.information.iter().all(|x| x.is_finite())) {
-                return Err(Error::EdgeNotFinite { edge, from, to });
-            }
-            if let Err(problem) = information(&e.information) {
-                return Err(Error::Information { edge, from, to, problem });
-            }
+            e.check(edge, self.ids[e.from], self.ids[e.to])?;
         }
         Ok(())
     }
@@ -81,43 +76,34 @@ impl<G: Group<D>, const D: usize> PoseGraph<G, D> {
     }
 }
 
-/// Whether Ω is symmetric and positive semidefinite, to rounding.
+impl<G: Group<D>, const D: usize> Edge<G, D> {
+    /// Whether its numbers can be optimised; it is the edge `edge`, and between poses of these ids.
+    pub(super) fn check(&self, edge: usize, from: u64, to: u64) -> Result<(), Error> {
+        if !(self.measured.is_finite() && self.information.iter().all(|x| x.is_finite())) {
+            return Err(Error::EdgeNotFinite { edge, from, to });
+        }
+        information(&self.information).map_err(|problem| Error::Information {
+            edge,
+            from,
+            to,
+            problem,
+        })
+    }
+}
+
+/// Whether Ω is symmetric and positive semidefinite, to rounding: its own and that of files ([`Kind`]).
 fn information<const D: usize>(omega: &SMatrix<f64, D, D>) -> Result<(), &'static str> {
     for i in 0..D {
         for j in 0..i {
-            let scale = omega[(i, j)].abs().max(omega[(j, i)].abs());
+            let own = (omega[(i, i)] * omega[(j, j)]).abs().sqrt();
+            let scale = own.max(omega[(i, j)].abs()).max(omega[(j, i)].abs());
             if (omega[(i, j)] - omega[(j, i)]).abs() > 1e-9 * scale {
                 return Err("not symmetric");
             }
         }
     }
-    // Cholesky's, where a pivot of zero must have zeros below it. Scaled to a unit diagonal, what
-    // rounding leaves is small against 1.
-    let scale: [f64; D] =
-        std::array::from_fn(|i| if omega[(i, i)] > 0.0 { omega[(i, i)].sqrt() } else { 1.0 });
-    let mut rest = *omega;
-    for i in 0..D {
-        for j in 0..D {
-            rest[(i, j)] /= scale[i] * scale[j];
-        }
+    match Kind::of(omega) {
+        Kind::Indefinite { .. } => Err("not positive semidefinite"),
+        _ => Ok(()),
     }
-    for k in 0..D {
-        let pivot = rest[(k, k)];
-        if pivot < -1e-9 {
-            return Err("not positive semidefinite");
-        }
-        if pivot <= 1e-9 {
-            if (k + 1..D).any(|i| rest[(i, k)].abs() > 1e-4) {
-                return Err("not positive semidefinite");
-            }
-            continue;
-        }
-        for j in k + 1..D {
-            let factor = rest[(j, k)] / pivot;
-            for i in j..D {
-                rest[(i, j)] -= factor * rest[(i, k)];
-            }
-        }
-    }
-    Ok(())
 }

@@ -190,8 +190,12 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
         self.left_out[edge] = self.left_out[edge].saturating_add(1);
     }
 
-    /// Whether an accepted edge may remain one: unless it is certain to be wrong.
+    /// Whether an accepted edge may remain one: unless it is certain to be wrong. Nothing can contradict what
+    /// alone says where its poses are.
     fn stays(&self, edge: usize, verdict: &Verdict) -> bool {
+        if !verdict.doubt.is_finite() {
+            return true;
+        }
         let prior = if self.supported[edge] { 0.0 } else { self.prior_of(edge) };
         match self.options.barrier {
             Some(barrier) => verdict.chi2 < barrier,
@@ -286,7 +290,8 @@ impl<'a, G: Group<D>, const D: usize> Search<'a, G, D> {
     /// Whether an accepted edge without support is more probably random.
     fn is_doubtful(&self, part: &Part<G, D>, member: &Member<D>) -> bool {
         let edge = part.edges[member.at];
-        !self.supported[edge] && !self.enters(edge, &member.verdict)
+        let contradicted = member.verdict.doubt.is_finite();
+        contradicted && !self.supported[edge] && !self.enters(edge, &member.verdict)
     }
 
     /// The odds that were left open.

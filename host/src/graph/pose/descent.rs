@@ -337,7 +337,7 @@ impl<G: Group<D>, const D: usize> Search<'_, G, D> {
                     cost = reached;
                 }
                 if close {
-                    return Ok((initial, cost, Stop::Converged));
+                    return Ok((initial, cost, self.settled()));
                 }
                 if gain > 0.75 {
                     radius = radius.max(3.0 * length);

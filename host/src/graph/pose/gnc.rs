@@ -421,6 +421,26 @@ mod tests {
         assert!(distance(&spoiled.poses, &clean.poses) < 1e-12);
     }
 
+    /// Edges that alone say where their poses are: nothing can contradict them, whatever is no odometry by its ids.
+    #[test]
+    fn the_only_measurement_of_a_pose_is_kept() {
+        let edge = |to: usize, y: f64| Edge {
+            from: 0,
+            to,
+            measured: Se2::new(1.0, y, 0.2),
+            information: nalgebra::Matrix3::identity() * 100.0,
+        };
+        let poses = vec![Se2::identity(); 4];
+        let edges = vec![edge(1, 0.0), edge(2, 3.0), edge(3, -4.0)];
+        let star = PoseGraph { ids: (0..4).collect(), poses, edges, fixed: vec![] };
+        for trust in [Trust::Odometry, Trust::Nothing] {
+            let mut star = star.clone();
+            let found = gnc(&mut star, &Gnc { trust, ..Gnc::default() }).unwrap();
+            assert_eq!(found.weights, [1.0; 3]);
+            assert!(star.chi2() < 1e-12);
+        }
+    }
+
     #[test]
     fn options_out_of_range_are_refused() {
         let mut graph = grid::<Se2, 3>(1, 3, 0.0);

@@ -69,7 +69,8 @@ impl<G: Group<D>, const D: usize> Incremental<G, D> {
     /// Adds a measurement between two poses, called by their ids; see [`Edge`].
     ///
     /// # Errors
-    /// An id that is not there.
+    /// An id that is not there; numbers that are not finite, information that is not symmetric and positive
+    /// semidefinite.
     pub fn add_edge(
         &mut self,
         from: u64,
@@ -82,6 +83,7 @@ impl<G: Group<D>, const D: usize> Incremental<G, D> {
         if from == to {
             return Err(Error::Loop { edge: self.graph.edges.len(), id: from });
         }
+        edge.check(self.graph.edges.len(), from, to)?;
         self.graph.edges.push(edge);
         self.optimizer = None;
         Ok(())
@@ -158,7 +160,8 @@ impl<G: Group<D>, const D: usize> FixedLag<G, D> {
     /// Adds a measurement between two poses in the window, called by their ids; see [`Edge`].
     ///
     /// # Errors
-    /// An id that is not, or no longer, in the window; numbers that are not finite.
+    /// An id that is not, or no longer, in the window; numbers that are not finite, information that is not
+    /// symmetric and positive semidefinite.
     pub fn add_edge(
         &mut self,
         from: u64,
@@ -174,9 +177,7 @@ impl<G: Group<D>, const D: usize> FixedLag<G, D> {
         if from == to {
             return Err(Error::Loop { edge: number, id: from });
         }
-        if !(measured.is_finite() && information.iter().all(|x| x.is_finite())) {
-            return Err(Error::EdgeNotFinite { edge: number, from, to });
-        }
+        edge.check(number, from, to)?;
         self.edges.push(edge);
         Ok(())
     }
@@ -316,15 +317,9 @@ impl<G: Group<D>, const D: usize> FixedLag<G, D> {
         let poses: Vec<G> = self.poses.iter().map(|(_, pose)| *pose).collect();
         let size = poses.len() * D;
         let (mut h, mut g) = (DMatrix::zeros(size, size), DVector::zeros(size));
-        let (leaving, staying): (Vec<_>, Vec<_>) =
-            std::mem::take(&mut self.edges).into_iter().partition(|e| e.from == 0 || e.to == 0);
-        for edge in &leaving {
+        let leaves = |e: &Edge<G, D>| e.from == 0 || e.to == 0;
+        for edge in self.edges.iter().filter(|e| leaves(e)) {
             self.add(edge, &poses, &mut h, &mut g);
-        }
-        self.edges = staying;
-        for edge in &mut self.edges {
-            edge.from -= 1;
-            edge.to -= 1;
         }
         let rest = size - D;
         let mut information = h.view((D, D), (rest, rest)).into_owned();
@@ -339,6 +334,12 @@ impl<G: Group<D>, const D: usize> FixedLag<G, D> {
             information = h.view((D, D), (rest, rest)) - &across * solved;
             gradient = g.rows(D, rest) - &across * own.solve(&g.rows(0, D).into_owned());
             information = (&information + information.transpose()) * 0.5;
+        }
+        // Nothing fails from here on.
+        self.edges.retain(|e| !leaves(e));
+        for edge in &mut self.edges {
+            edge.from -= 1;
+            edge.to -= 1;
         }
         self.poses.remove(0);
         let at = poses[1..].to_vec();
@@ -504,6 +505,15 @@ mod tests {
         assert_eq!(window.add_edge(7, 8, pose, information), Err(Error::Unknown { id: 8 }));
         assert_eq!(graph.add_edge(7, 7, pose, information), Err(Error::Loop { edge: 0, id: 7 }));
         let nan = Se2::new(f64::NAN, 0.0, 0.0);
+        graph.add_pose(8, pose).unwrap();
+        let rewarded = -information;
+        for error in
+            [graph.add_edge(7, 8, nan, information), window.add_edge(7, 7, nan, information)]
+        {
+            assert!(matches!(error, Err(Error::EdgeNotFinite { .. } | Error::Loop { .. })));
+        }
+        let error = graph.add_edge(7, 8, pose, rewarded).unwrap_err();
+        assert!(matches!(error, Error::Information { edge: 0, from: 7, to: 8, .. }), "{error}");
         assert_eq!(graph.add_pose(9, nan), Err(Error::PoseNotFinite { id: 9 }));
         // A pose without edges cannot be placed.
         window.add_pose(8, pose).unwrap();

@@ -34,9 +34,11 @@ impl Kernel {
         }
     }
 
-    /// ρ(s) and ρ′(s), for s ≥ 0.
+    /// ρ(s) and ρ′(s). Below zero, where rounding leads of a semidefinite Ω, s is zero.
     #[inline]
     pub fn cost_and_weight(self, s: f64) -> (f64, f64) {
+        // What is no number stays none.
+        let s = if s < 0.0 { 0.0 } else { s };
         match self {
             Kernel::Identity => (s, 1.0),
             Kernel::Huber(c) => {
@@ -53,7 +55,8 @@ impl Kernel {
             }
             Kernel::Tukey(c) => {
                 let c2 = c * c;
-                let rest = (1.0 - s / c2).max(0.0);
+                let rest = 1.0 - s / c2;
+                let rest = if rest < 0.0 { 0.0 } else { rest };
                 (c2 / 3.0 * (1.0 - rest * rest * rest), rest * rest)
             }
             Kernel::Dcs(c) => {
@@ -102,8 +105,10 @@ mod tests {
                 let s = 1e-6 * c * c;
                 let (cost, weight) = kernel.cost_and_weight(s);
                 prop_assert!((cost / s - 1.0).abs() < 3e-6 && (weight - 1.0).abs() < 3e-6);
-                let (cost, weight) = kernel.cost_and_weight(0.0);
-                prop_assert_eq!((cost, weight), (0.0, 1.0));
+                for nothing in [0.0, -1e-17] {
+                    prop_assert_eq!(kernel.cost_and_weight(nothing), (0.0, 1.0));
+                }
+                prop_assert!(kernel.cost_and_weight(f64::NAN).0.is_nan());
             }
         }
     }

@@ -259,7 +259,7 @@ impl<const D: usize> Optimizer<D> {
         if graph.edges.len() != self.edges.len() || !self.edges.iter().zip(&graph.edges).all(same) {
             return Err(Error::Changed { what: "edges" });
         }
-        if !graph.fixed.iter().all(|&pose| self.held.get(pose) == Some(&true)) {
+        if graph.held() != self.held {
             return Err(Error::Changed { what: "fixed poses" });
         }
         graph.check_values()?;

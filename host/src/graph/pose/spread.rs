@@ -21,7 +21,7 @@ impl<'o, const D: usize> Spread<'o, D> {
     /// About the poses of `graph` with a weight for each of its edges.
     ///
     /// # Errors
-    /// A pose that the measurements do not determine.
+    /// A pose that the measurements do not determine; a graph too dense to factorise.
     pub fn new<G: Group<D>>(
         optimizer: &'o mut Optimizer<D>,
         graph: &PoseGraph<G, D>,
@@ -30,6 +30,9 @@ impl<'o, const D: usize> Spread<'o, D> {
         let cost = Cost { kernel: Kernel::Identity, weights: Some(weights) };
         optimizer.factorise_at(graph, cost)?;
         let structure = &optimizer.layout.structure;
+        if !structure.is_complete() {
+            return Err(Error::TooDense);
+        }
         let selected = SelectedInverse::new(structure, &optimizer.factor);
         Ok(Spread { selected, paths: Paths::new(structure), optimizer })
     }

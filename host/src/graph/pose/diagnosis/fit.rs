@@ -1,5 +1,7 @@
 //! How well a graph fits together at its poses.
 
+use std::collections::HashSet;
+
 use serde::Serialize;
 
 use super::chi_squared::survival;
@@ -116,6 +118,7 @@ fn degrees<G: Group<D>, const D: usize>(graph: &PoseGraph<G, D>) -> usize {
     let measured: usize = kinds.iter().enumerate().map(rank).sum();
     let parts = parts::of(graph, |edge| kinds[edge] != Kind::Zero);
     // A part that nothing holds is held at one of its poses.
-    let held = graph.fixed.len() + parts.iter().filter(|part| !part.fixed).count();
+    let fixed: HashSet<usize> = graph.fixed.iter().copied().collect();
+    let held = fixed.len() + parts.iter().filter(|part| !part.fixed).count();
     measured.saturating_sub(D * graph.poses.len().saturating_sub(held))
 }
