@@ -72,7 +72,9 @@ pub fn run(args: &LocalizeArgs) -> Result<(), Error> {
     let start = Instant::now();
     let settings = Settings { seed: args.seed, ..Settings::default() };
     let found = localize(&model, &contacts, &settings).map_err(|error| match error {
-        LocalizeError::NoArea => Error::Input(format!("{}: {error}", args.model.display())),
+        LocalizeError::NoArea | LocalizeError::InsideOut(_) => {
+            Error::Input(format!("{}: {error}", args.model.display()))
+        }
         LocalizeError::Contact(_) if args.contact_noise.is_some() => {
             Error::Input("--contact-noise: expected a length and an angle above zero".into())
         }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use nalgebra::Point3;
+use tactile_core::track::MotionNoise;
 
 use crate::log::import::{self, Options};
 use crate::log::{GraspLog, LogError};
@@ -61,6 +62,7 @@ pub fn read(path: &Path, fixed: Fixed) -> Result<(GraspLog, Vec<Contact>), Conta
         "off" => import::off::import(path, &at_rest)?,
         _ => return Err(ContactsError::Ending { file: path.display().to_string() }),
     };
+    let fixed = if ending == "jsonl" { fixed } else { Fixed::Yes };
     let contacts = from_log(&log, fixed)?;
     Ok((log, contacts))
 }
@@ -68,8 +70,8 @@ pub fn read(path: &Path, fixed: Fixed) -> Result<(GraspLog, Vec<Contact>), Conta
 /// All contacts of a log where the object was at its **last** grasp, world frame.
 ///
 /// Contacts of earlier grasps are carried along by the motions that the log states, and the noise
-/// it states for these widens their deviations: by nσ² after n motions, turns counted at the
-/// contact's distance from the middle of all. That these errors are common to the contacts of
+/// it states for these ([`MotionNoise::THESIS`] where it does not) widens their deviations: by nσ² after n
+/// motions, turns counted at the contact's distance from the middle of all. That these errors are common to the contacts of
 /// a grasp is not used.
 ///
 /// # Errors
@@ -100,7 +102,9 @@ pub fn from_log(log: &GraspLog, fixed: Fixed) -> Result<Vec<Contact>, ContactsEr
     }
     let middle =
         contacts.iter().map(|(c, _)| c.point).sum::<Point>() / contacts.len().max(1) as f64;
-    let [shift, turn] = [log.noise.translation, log.noise.rotation].map(Option::unwrap_or_default);
+    let usual = MotionNoise::THESIS;
+    let shift = log.noise.translation.unwrap_or(f64::from(usual.translation));
+    let turn = log.noise.rotation.unwrap_or(f64::from(usual.rotation));
     let widened = contacts.into_iter().map(|(contact, motions)| {
         let root = motions.sqrt();
         let moved = root * shift.hypot(turn * (contact.point - middle).norm());
@@ -125,7 +129,7 @@ mod tests {
 
     fn log(grasps: Vec<LoggedGrasp>) -> GraspLog {
         let line = r#"{"format":"tactile-grasp-log","version":1,"dimension":3,
-            "noise":{"point":0.002,"translation":0.003}}"#
+            "noise":{"point":0.002,"translation":0.003,"rotation":1e-9}}"#
             .replace('\n', "");
         let text = format!("{line}\n{{\"grasp\":0,\"contacts\":[]}}\n");
         GraspLog { grasps, ..GraspLog::parse(text.as_bytes(), "some.jsonl".as_ref()).unwrap() }

@@ -9,7 +9,7 @@
 //! between it and the face's normal: at an edge it may be any of two faces', so that it never counts
 //! for more than c = 5 nats.
 
-use nalgebra::{Matrix6, Vector6};
+use nalgebra::{Matrix3, Matrix3x6, Matrix6, Vector6};
 
 use super::Surface;
 use crate::reference::Contact;
@@ -20,6 +20,11 @@ const WORST_NORMAL: f64 = 5.0;
 
 /// Normals are never taken to be worse than this, radians: farther off they would mean nothing.
 const LOOSEST: f64 = 0.7;
+
+/// How far to both sides a surface is asked how it bends, in radii of the object, and the chord between normals
+/// there from which on an edge lies between them.
+const BEND: f64 = 0.02;
+const EDGE: f64 = 0.5;
 
 /// What contacts say about the pose of one object.
 #[derive(Clone, Debug)]
@@ -169,14 +174,37 @@ impl Evidence {
             let weight = 1.0 / (contact.point_deviation.powi(2) * worse);
             information.ger(weight, &row, &row, 1.0);
             if contact.normal.is_some() {
-                let weight = (contact.normal_deviation * self.radius).powi(-2) / worse;
-                let normal = surface.normal(&near, &y);
-                let across = nalgebra::Matrix3::identity() - normal * normal.transpose();
-                let mut turns = information.fixed_view_mut::<3, 3>(3, 3);
-                turns += weight * across;
+                let weight = contact.normal_deviation.powi(-2) / worse;
+                let change = self.turned(surface, &y, &surface.normal(&near, &y));
+                information += weight * change.transpose() * change;
             }
         }
         information
+    }
+
+    /// How the normal measured at `y` turns against the surface's there, by shift and by turn: the object's own
+    /// turns with it where the surface is round, so that a cylinder's say nothing of a turn about its axis.
+    fn turned<S: Surface>(&self, surface: &S, y: &Point, normal: &Point) -> Matrix3x6<f64> {
+        let step = BEND * self.radius;
+        let mut bend = Matrix3::zeros();
+        for axis in 0..3 {
+            let [ahead, behind] = [step, -step].map(|step| {
+                let beside = y + Point::ith(axis, step);
+                surface.normal(&surface.near(&beside), &beside)
+            });
+            let change = ahead - behind;
+            // Over an edge: on either side of it the surface is as flat as it is.
+            if change.norm() < EDGE {
+                bend.set_column(axis, &(change / (2.0 * step)));
+            }
+        }
+        let arm = (y - self.centre) / self.radius;
+        // ω × a is −[a]× ω.
+        let turn = bend * arm.cross_matrix() - normal.cross_matrix() / self.radius;
+        let mut change = Matrix3x6::zeros();
+        change.fixed_view_mut::<3, 3>(0, 0).copy_from(&-bend);
+        change.fixed_view_mut::<3, 3>(0, 3).copy_from(&turn);
+        change
     }
 
     /// Unsigned distance of every contact at `seen`, metres.

@@ -109,7 +109,7 @@ pub struct Localization {
 }
 
 /// Why there is no answer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum LocalizeError {
     /// Too few contacts.
     #[error("expected at least {LEAST_CONTACTS} contacts, found {0}")]
@@ -120,6 +120,11 @@ pub enum LocalizeError {
     /// There is no surface to touch.
     #[error("the model's triangles have no area")]
     NoArea,
+    /// Measured normals would all fit the wrong side.
+    #[error(
+        "the model is inside out: its triangles, counter-clockwise from inside, enclose {0:.3} litres"
+    )]
+    InsideOut(f64),
 }
 
 /// Finds the object with the surface `model` from contacts on it, world frame.
@@ -229,6 +234,10 @@ fn evidence(model: &Mesh, contacts: &[Contact]) -> Result<Evidence, LocalizeErro
     };
     if let Some(k) = contacts.iter().position(|c| !usable(c)) {
         return Err(LocalizeError::Contact(k));
+    }
+    let litres = 1e3 * model.volume();
+    if litres < 0.0 && model.is_watertight() && contacts.iter().any(|c| c.normal.is_some()) {
+        return Err(LocalizeError::InsideOut(litres));
     }
     let (low, high) = model.bounds();
     let radius = (high - low).norm() / 2.0;

@@ -117,6 +117,33 @@ fn a_cylinder_has_two_modes_and_a_free_turn() {
 }
 
 #[test]
+fn normals_turn_with_a_cylinder_and_say_nothing_of_its_turn() {
+    let truth = pose([0.2, 0.1, 0.0], [0.7, -0.3, 0.2]);
+    let mesh = cylinder(0.03, 0.06, 180);
+    let found = localize(&mesh, &touched(&mesh, &truth, 40, 3e-4, true), &QUICK).unwrap();
+    let [Freedom::Turn { about, .. }] = found.freedoms[..] else { panic!("{:?}", found.freedoms) };
+    assert!(about.z.abs() > 0.999, "{about}");
+    // It is as unknown as it can be: by a radian at the rim.
+    assert!(found.modes.iter().all(|mode| mode.deviation > 0.06), "{:?}", found.modes);
+    // A cube's normals do.
+    let cube = cuboid([0.04; 3]);
+    let found = localize(&cube, &touched(&cube, &truth, 40, 3e-4, true), &QUICK).unwrap();
+    assert!(found.freedoms.is_empty() && found.modes.iter().all(|mode| mode.deviation < 1e-3));
+}
+
+#[test]
+fn a_model_inside_out_is_refused_where_normals_were_felt() {
+    let cube = cuboid([0.04; 3]);
+    let turned = cube.triangles().iter().map(|[a, b, c]| [*b, *a, *c]).collect();
+    let inside_out = Mesh::new(cube.vertices().to_vec(), turned).unwrap();
+    let felt = touched(&cube, &Pose::identity(), 12, 1e-4, true);
+    let error = localize(&inside_out, &felt, &QUICK).unwrap_err();
+    assert!(matches!(error, LocalizeError::InsideOut(litres) if litres < 0.0), "{error}");
+    let bare = touched(&cube, &Pose::identity(), 12, 1e-4, false);
+    assert!(localize(&inside_out, &bare, &QUICK).is_ok());
+}
+
+#[test]
 fn contacts_on_one_face_leave_it_free_to_slide() {
     let mesh = cuboid([0.06; 3]);
     let grid = (0..9).map(|k| [f64::from(k % 3) - 1.0, f64::from(k / 3) - 1.0]);
