@@ -7,6 +7,9 @@ use super::{GraspLog, LogError, LoggedGrasp, MAX_CONTACTS, Noise};
 use crate::quantity::Deviation;
 use crate::space::Pose;
 
+/// How far an object moves that does not.
+const STILL: Deviation = Deviation { length: 0.0, angle: 0.0 };
+
 pub mod csv;
 pub mod normals;
 pub mod off;
@@ -55,19 +58,15 @@ impl Options {
                 grasp.truth = Some(Pose::identity());
             }
         }
-        // A log holds positive deviations or none: zero would claim a perfect sensor.
-        let positive = |x: f64| (x > 0.0).then_some(x);
-        let noise = Noise {
-            point: self.contact_noise.and_then(|n| positive(n.length)),
-            normal: self.contact_noise.and_then(|n| positive(n.angle)),
-            translation: self.motion_noise.and_then(|n| positive(n.length)),
-            rotation: self.motion_noise.and_then(|n| positive(n.angle)),
-        };
         GraspLog {
             dimension,
             description: self.description.clone(),
             fingers,
-            noise,
+            // What does not move has no noise to make up for.
+            noise: Noise::stated(
+                self.contact_noise,
+                self.motion_noise.or(self.fixed.then_some(STILL)),
+            ),
             shape: None,
             grasps,
             unknown: serde_json::Map::new(),

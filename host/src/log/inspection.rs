@@ -54,6 +54,10 @@ impl Inspection {
             "pieces": self.pieces, "torn_bytes": self.torn, "damaged_pieces": self.damaged,
             "from_board": counters(&r.from_board), "to_board": counters(&r.to_board),
             "refused": r.refused,
+            "left_out": {
+                "grasps": r.left_out.grasps, "contacts": r.left_out.contacts,
+                "motions": r.left_out.motions,
+            },
         })
     }
 

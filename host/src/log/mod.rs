@@ -34,6 +34,7 @@ pub mod write;
 
 use std::path::PathBuf;
 
+use crate::quantity::Deviation;
 use crate::space::{Point, Pose};
 
 pub use read::LogError;
@@ -97,6 +98,17 @@ impl Noise {
     pub const LEAST_TRANSLATION: f64 = 1e-4;
     /// Of rotations: 0.06°, in radians.
     pub const LEAST_ROTATION: f64 = 1e-3;
+
+    /// What a header says of contacts (points and normals) and motions with these deviations: where they have no errors
+    /// the least that models take, for what a header does not say is taken to be usual.
+    pub fn stated(contact: Option<Deviation>, motion: Option<Deviation>) -> Noise {
+        Noise {
+            point: contact.map(|d| d.length.max(Self::LEAST_POINT)),
+            normal: contact.map(|d| d.angle.max(Self::LEAST_NORMAL)),
+            translation: motion.map(|d| d.length.max(Self::LEAST_TRANSLATION)),
+            rotation: motion.map(|d| d.angle.max(Self::LEAST_ROTATION)),
+        }
+    }
 }
 
 /// The true shape in the object frame, as the header names it.

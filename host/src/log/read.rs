@@ -223,7 +223,11 @@ fn header(line: Line<'_>, mut fields: Fields<'_>) -> Result<GraspLog, LogError> 
     let mut shape = None;
     if let Some(item) = fields.optional("truth") {
         let mut inner = item.fields("an object {\"shape\"}")?;
-        shape = inner.optional("shape").map(|i| true_shape(i, dimension, line.file)).transpose()?;
+        if let Some(item) = inner.optional("shape") {
+            let (known, rest) = true_shape(item, dimension, line.file)?;
+            shape = Some(known);
+            keep(&mut inner.map, "shape", rest);
+        }
         keep(&mut nested, "truth", inner);
     }
     let mut unknown = fields.map;
@@ -238,7 +242,12 @@ fn keep(unknown: &mut Map<String, Value>, name: &str, rest: Fields<'_>) {
     }
 }
 
-fn true_shape(item: Item<'_>, dimension: usize, log: &Path) -> Result<TrueShape, LogError> {
+/// With the fields of it that nobody knows.
+fn true_shape<'a>(
+    item: Item<'a>,
+    dimension: usize,
+    log: &Path,
+) -> Result<(TrueShape, Fields<'a>), LogError> {
     let expected = if dimension == 2 {
         "an object {\"polygon\": [[x, y], …]}"
     } else {
@@ -251,7 +260,7 @@ fn true_shape(item: Item<'_>, dimension: usize, log: &Path) -> Result<TrueShape,
             return Err(item.wrong("at least 3 vertices [x, y] in metres"));
         }
         let vertices = item.items("vertices")?.map(|v| v.position(2).map(|p| [p.x, p.y]));
-        Ok(TrueShape::Polygon(vertices.collect::<Result<_, _>>()?))
+        Ok((TrueShape::Polygon(vertices.collect::<Result<_, _>>()?), fields))
     } else {
         let item = fields.required("mesh", "the name of a mesh file")?;
         if item.value == "" {
@@ -259,7 +268,7 @@ fn true_shape(item: Item<'_>, dimension: usize, log: &Path) -> Result<TrueShape,
         }
         let path = item.text("the name of a mesh file")?;
         let file = log.parent().unwrap_or(Path::new("")).join(&path);
-        Ok(TrueShape::Mesh { path, file })
+        Ok((TrueShape::Mesh { path, file }, fields))
     }
 }
 
@@ -289,7 +298,13 @@ fn grasp(line: Line<'_>, mut fields: Fields<'_>, log: &GraspLog) -> Result<Logge
         }
         time = Some(seconds);
     }
-    let motion = fields.optional("motion").map(|item| item.pose(dimension)).transpose()?;
+    let mut nested = Map::new();
+    let mut motion = None;
+    if let Some(item) = fields.optional("motion") {
+        let (known, rest) = item.pose(dimension)?;
+        motion = Some(known);
+        keep(&mut nested, "motion", rest);
+    }
     let contacts = fields.required("contacts", "an array of contacts, possibly empty")?;
     let contacts = several(contacts, "contacts")?
         .map(|item| contact(item, dimension, &log.fingers))
@@ -305,11 +320,14 @@ fn grasp(line: Line<'_>, mut fields: Fields<'_>, log: &GraspLog) -> Result<Logge
             });
         }
     }
-    let mut nested = Map::new();
     let mut truth = None;
     if let Some(item) = fields.optional("truth") {
         let mut inner = item.fields("an object {\"pose\"}")?;
-        truth = inner.optional("pose").map(|item| item.pose(dimension)).transpose()?;
+        if let Some(item) = inner.optional("pose") {
+            let (known, rest) = item.pose(dimension)?;
+            truth = Some(known);
+            keep(&mut inner.map, "pose", rest);
+        }
         keep(&mut nested, "truth", inner);
     }
     let mut unknown = fields.map;

@@ -224,12 +224,20 @@ fn too_many_contacts_are_refused_and_the_limit_is_named() {
 
 #[test]
 fn unknown_fields_survive_a_rewrite_in_order() {
-    let header = r#"{"format":"tactile-grasp-log","version":1,"dimension":2,"frame":"world","description":"d","fingers":["ff"],"noise":{"point":0.001,"lag":2.0},"truth":{"shape":{"polygon":[[0.0,0.0],[1.0,0.0],[0.0,1.0]]},"mass":1.5},"zeta":[1,{"a":null}],"alpha":"x"}"#;
-    let grasp = r#"{"grasp":3,"motion":null,"contacts":[{"finger":"ff","point":[0.1,0.2],"patch":7}],"free":[{"point":[1.0,2.0],"near":true}],"truth":{"pose":{"translation":[0.0,0.0],"rotation":0.1},"slip":0.3},"note":"n"}"#;
-    let log = lines(&[header, grasp]).unwrap();
-    let mut written = Vec::new();
-    log.to_writer(&mut written).unwrap();
-    assert_eq!(String::from_utf8(written).unwrap(), format!("{header}\n{grasp}\n"));
+    let header = r#"{"format":"tactile-grasp-log","version":1,"dimension":2,"frame":"world","description":"d","fingers":["ff"],"noise":{"point":0.001,"lag":2.0},"truth":{"shape":{"polygon":[[0.0,0.0],[1.0,0.0],[0.0,1.0]],"by":"hand"},"mass":1.5},"zeta":[1,{"a":null}],"alpha":"x"}"#;
+    let grasp = r#"{"grasp":3,"motion":{"translation":[0.5,0.0],"rotation":0.2,"covariance":[1]},"contacts":[{"finger":"ff","point":[0.1,0.2],"patch":7}],"free":[{"point":[1.0,2.0],"near":true}],"truth":{"pose":{"translation":[0.0,0.0],"rotation":0.1,"source":"mocap"},"slip":0.3},"note":"n"}"#;
+    let mut log = lines(&[header, grasp]).unwrap();
+    let text = |log: &GraspLog| {
+        let mut written = Vec::new();
+        log.to_writer(&mut written).unwrap();
+        String::from_utf8(written).unwrap()
+    };
+    assert_eq!(text(&log), format!("{header}\n{grasp}\n"));
+    // What is gone takes with it what was in it.
+    (log.shape, log.grasps[0].motion, log.grasps[0].truth) = (None, None, None);
+    let rest = text(&log);
+    assert!(rest.contains(r#""truth":{"mass":1.5}"#) && rest.contains(r#""truth":{"slip":0.3}"#));
+    assert!(rest.contains(r#""motion":null"#) && !rest.contains("mocap"), "{rest}");
 }
 
 #[test]

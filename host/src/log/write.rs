@@ -1,5 +1,6 @@
 //! Writing grasp logs, and writing files fully or not at all.
 
+use std::borrow::Cow;
 use std::io::{BufWriter, Error, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
@@ -81,8 +82,9 @@ impl GraspLog {
         let mut moved;
         let mut log = self;
         if let Some(TrueShape::Mesh { path: written, file }) = &self.shape
-            && path.parent().unwrap_or(Path::new("")).join(written) != *file
             && let Ok(absolute) = std::path::absolute(file)
+            && std::path::absolute(path.parent().unwrap_or(Path::new("")).join(written)).ok()
+                != Some(absolute.clone())
             && let Some(name) = absolute.to_str()
         {
             moved = self.clone();
@@ -139,7 +141,9 @@ impl GraspLog {
                 noise.insert(name.into(), finite(deviation)?);
             }
         }
-        insert(&mut fields, "noise", noise, &self.unknown);
+        if !noise.is_empty() {
+            fields.insert("noise".into(), Value::Object(noise));
+        }
         let mut truth = Map::new();
         match &self.shape {
             Some(TrueShape::Polygon(vertices)) => {
@@ -154,8 +158,10 @@ impl GraspLog {
             }
             None => {}
         }
-        insert(&mut fields, "truth", truth, &self.unknown);
-        Ok(with_unknown(fields, &self.unknown))
+        if !truth.is_empty() {
+            fields.insert("truth".into(), Value::Object(truth));
+        }
+        Ok(with_unknown(fields, &without(&self.unknown, "shape", self.shape.is_none())))
     }
 
     fn grasp(&self, grasp: &LoggedGrasp) -> Result<Value, Error> {
@@ -181,8 +187,10 @@ impl GraspLog {
         if let Some(pose) = &grasp.truth {
             truth.insert("pose".into(), self.pose(pose)?);
         }
-        insert(&mut fields, "truth", truth, &grasp.unknown);
-        Ok(with_unknown(fields, &grasp.unknown))
+        if !truth.is_empty() {
+            fields.insert("truth".into(), Value::Object(truth));
+        }
+        Ok(with_unknown(fields, &without(&grasp.unknown, "pose", grasp.truth.is_none())))
     }
 
     fn contact(&self, contact: &LoggedContact) -> Result<Value, Error> {
@@ -254,29 +262,40 @@ fn finite(x: f64) -> Result<Value, Error> {
     }
 }
 
-/// Adds the object `known` under `name`, together with what was unknown inside it.
-fn insert(
-    fields: &mut Map<String, Value>,
-    name: &str,
-    mut known: Map<String, Value>,
-    unknown: &Map<String, Value>,
-) {
-    if let Some(Value::Object(rest)) = unknown.get(name) {
-        known.extend(rest.clone());
-    }
-    if !known.is_empty() {
-        fields.insert(name.into(), Value::Object(known));
+/// What nobody knew of `unknown`, without what was inside a `part` of the truth that is gone.
+fn without<'a>(
+    unknown: &'a Map<String, Value>,
+    part: &str,
+    is_gone: bool,
+) -> Cow<'a, Map<String, Value>> {
+    match unknown.get("truth") {
+        Some(Value::Object(truth)) if is_gone && truth.contains_key(part) => {
+            let mut unknown = unknown.clone();
+            if let Some(Value::Object(truth)) = unknown.get_mut("truth") {
+                truth.shift_remove(part);
+            }
+            Cow::Owned(unknown)
+        }
+        _ => Cow::Borrowed(unknown),
     }
 }
 
-/// Unknown fields follow the known ones and never replace them.
+/// Unknown fields follow the known ones and never replace them, those inside known objects likewise.
 fn with_unknown(mut fields: Map<String, Value>, unknown: &Map<String, Value>) -> Value {
+    merge(&mut fields, unknown);
+    Value::Object(fields)
+}
+
+fn merge(fields: &mut Map<String, Value>, unknown: &Map<String, Value>) {
     for (name, value) in unknown {
-        if !fields.contains_key(name) {
-            fields.insert(name.clone(), value.clone());
+        match (fields.get_mut(name), value) {
+            (None, _) => {
+                fields.insert(name.clone(), value.clone());
+            }
+            (Some(Value::Object(known)), Value::Object(rest)) => merge(known, rest),
+            _ => {}
         }
     }
-    Value::Object(fields)
 }
 
 fn line(text: &mut Vec<u8>, value: &Value) -> std::io::Result<()> {

@@ -381,15 +381,9 @@ fn measured(
     (point + shift, turned.normalize())
 }
 
-/// What the header says: where there are no errors the least that models take, for what it does not say may be usual.
+/// What the header says.
 pub(super) fn stated(options: &Options) -> Noise {
-    let (contact, motion) = (options.contact_noise, options.motion_noise);
-    Noise {
-        point: Some(contact.length.max(Noise::LEAST_POINT)),
-        normal: Some(contact.angle.max(Noise::LEAST_NORMAL)),
-        translation: Some(motion.length.max(Noise::LEAST_TRANSLATION)),
-        rotation: Some(motion.angle.max(Noise::LEAST_ROTATION)),
-    }
+    Noise::stated(Some(options.contact_noise), Some(options.motion_noise))
 }
 
 fn description(options: &Options, grasps: usize) -> String {

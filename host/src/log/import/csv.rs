@@ -62,13 +62,31 @@ impl Row<'_> {
 
 /// The columns that mean something, by their place in the row.
 struct Columns {
+    /// In small letters, and as they are.
     names: Vec<String>,
+    titles: Vec<String>,
     point: Vec<usize>,
     normal: Vec<usize>,
     grasp: Option<usize>,
     finger: Option<usize>,
     force: Option<usize>,
     other: Vec<usize>,
+}
+
+/// What a cell that nobody knows holds: a number where that says the same, neither 0012 nor more digits than it
+/// has.
+fn kept(cell: &str) -> Value {
+    if let Ok(whole) = cell.parse::<i64>()
+        && whole.to_string() == cell
+    {
+        return json!(whole);
+    }
+    let digits = cell.bytes().take_while(|b| !matches!(b, b'e' | b'E'));
+    let precise = digits.filter(u8::is_ascii_digit).count() <= 15;
+    let unsigned = cell.trim_start_matches(['+', '-']).as_bytes();
+    let padded = matches!(unsigned, [b'0', b'0'..=b'9', ..]);
+    let number = cell.parse::<f64>().ok().filter(|x| x.is_finite() && precise && !padded);
+    number.map_or_else(|| json!(cell), |x| json!(x))
 }
 
 impl Columns {
@@ -107,7 +125,8 @@ impl Columns {
             point.contains(i) || normal.contains(i) || [grasp, finger, force].contains(&Some(*i))
         };
         let other = (0..names.len()).filter(|i| !known(i) && !names[*i].is_empty()).collect();
-        Ok(Columns { point, normal, grasp, finger, force, other, names })
+        let titles = header.cells.iter().map(|c| c.to_string()).collect();
+        Ok(Columns { point, normal, grasp, finger, force, other, names, titles })
     }
 
     fn position(&self, row: &Row<'_>, unit: f64) -> Result<Point, LogError> {
@@ -189,13 +208,8 @@ fn parse(text: &str, path: &Path, options: &Options) -> Result<GraspLog, LogErro
         }
         let force = columns.force.map(|c| row.number(c, "force")).transpose()?.flatten();
         let other = columns.other.iter().filter(|c| !row.cells[**c].is_empty());
-        let unknown: Map<String, Value> = other
-            .map(|c| {
-                let cell = row.cells[*c];
-                let number = cell.parse::<f64>().ok().filter(|x| x.is_finite());
-                (columns.names[*c].clone(), number.map_or_else(|| json!(cell), |x| json!(x)))
-            })
-            .collect();
+        let unknown: Map<String, Value> =
+            other.map(|c| (columns.titles[*c].clone(), kept(row.cells[*c]))).collect();
         let contact = LoggedContact {
             finger,
             point: columns.position(&row, options.unit)?,
@@ -240,10 +254,20 @@ fn split<'a>(file: &'a Path, index: usize, line: &'a str, separator: char) -> Ro
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::log::Noise;
     use crate::quantity::Deviation;
 
     fn csv(text: &str) -> Result<GraspLog, LogError> {
         parse(text, Path::new("some.csv"), &Options::default())
+    }
+
+    #[test]
+    fn what_nobody_knows_is_kept_as_it_is() {
+        for text in ["0012", "1712345678901234567.5", "left", "-00.5"] {
+            assert_eq!(kept(text), json!(text));
+        }
+        assert_eq!(kept("1712345678901234567"), json!(1_712_345_678_901_234_567_i64));
+        assert_eq!((kept("-0.5"), kept("1e5"), kept("0")), (json!(-0.5), json!(1e5), json!(0)));
     }
 
     #[test]
@@ -256,7 +280,7 @@ mod tests {
         assert_eq!((first.finger, first.force), (Some(0), Some(1.5)));
         assert_eq!(first.point, Point::new(1.0, 2.0, 0.0));
         assert_eq!(first.normal, Some(Point::new(0.6, 0.8, 0.0)));
-        assert_eq!(first.unknown["patch"], json!(7.0));
+        assert_eq!(first.unknown["patch"], json!(7));
         assert_eq!((second.finger, second.force, second.normal), (None, None, None));
         assert_eq!(log.grasps[1].contacts[0].unknown["patch"], json!("skin"));
         assert_eq!(log.grasps[1].motion, None, "a table does not say how the object moved");
@@ -271,7 +295,14 @@ mod tests {
             ..Options::default()
         };
         let log = parse("x;y;z;grasp\n1;2;3;0\n4;5;6;1", Path::new("x"), &options).unwrap();
-        assert_eq!((log.dimension, log.noise.point, log.noise.normal), (3, Some(0.001), None));
+        // What has no errors is said to have the least that models take, what nobody said is left open.
+        let least = Noise {
+            point: Some(0.001),
+            normal: Some(Noise::LEAST_NORMAL),
+            translation: Some(Noise::LEAST_TRANSLATION),
+            rotation: Some(Noise::LEAST_ROTATION),
+        };
+        assert_eq!((log.dimension, log.noise), (3, least));
         assert_eq!(log.grasps[1].contacts[0].point, Point::new(4e-3, 5e-3, 6e-3));
         let identity = Some(crate::space::Pose::identity());
         assert_eq!((log.grasps[0].motion, log.grasps[1].motion), (None, identity));

@@ -252,7 +252,6 @@ pub fn log(pushes: &[Push], motion: &Motion, normals: Normals, description: &str
             (invented(&touches, *noise, group, *seed), fingers, *noise)
         }
     };
-    let positive = |x: f64| (x > 0.0).then_some(x);
     GraspLog {
         dimension: 2,
         description: description.into(),
@@ -260,8 +259,7 @@ pub fn log(pushes: &[Push], motion: &Motion, normals: Normals, description: &str
         noise: Noise {
             point: Some(POINT_NOISE),
             normal: (normals != Normals::None).then_some(FORCE_NOISE),
-            translation: positive(noise.length),
-            rotation: positive(noise.angle),
+            ..Noise::stated(None, Some(noise))
         },
         shape: Some(TrueShape::Polygon(TRIANGLE.to_vec())),
         grasps,

@@ -215,7 +215,8 @@ impl<'a> Item<'a> {
         Ok(if (length - 1.0).abs() > UNIT_ROUNDING { n / length } else { n })
     }
 
-    pub(super) fn pose(self, dimension: usize) -> Result<Pose, LogError> {
+    /// With the fields of it that nobody knows.
+    pub(super) fn pose(self, dimension: usize) -> Result<(Pose, Fields<'a>), LogError> {
         let mut fields = self.fields("an object {\"translation\", \"rotation\"}")?;
         let translation =
             fields.required("translation", "a position in metres")?.position(dimension)?;
@@ -224,7 +225,7 @@ impl<'a> Item<'a> {
             // Left alone when already in range, so that it is written as it was read.
             let pi = std::f64::consts::PI;
             let angle = if angle.abs() <= pi { angle } else { angle.sin().atan2(angle.cos()) };
-            return Ok(space::planar(translation.x, translation.y, angle));
+            return Ok((space::planar(translation.x, translation.y, angle), fields));
         }
         let what = "a unit quaternion [x, y, z, w]";
         let rotation = fields.required("rotation", what)?;
@@ -240,7 +241,7 @@ impl<'a> Item<'a> {
         } else {
             UnitQuaternion::new_unchecked(q)
         };
-        Ok(Pose::from_parts(Translation3::from(translation), q))
+        Ok((Pose::from_parts(Translation3::from(translation), q), fields))
     }
 
     pub(super) fn finger(self, fingers: &[String]) -> Result<usize, LogError> {

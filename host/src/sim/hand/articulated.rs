@@ -423,7 +423,7 @@ fn roles(
             }
             let (lower, upper) = (model.coordinates[i].lower, model.coordinates[i].upper);
             if spreads(i) {
-                return Role::Spread(nearest(i), width(i) / 2.0);
+                return Role::Spread(middle(i), width(i) / 2.0);
             }
             let ends = [lower, upper].map(|v| far(&at_middle, i, v, &palm));
             let (closed, other) = if ends[0] < ends[1] { (lower, upper) } else { (upper, lower) };

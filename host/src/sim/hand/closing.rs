@@ -224,6 +224,7 @@ impl Articulated {
             touched: Vec::new(),
             pushes: Vec::new(),
             done: vec![false; self.model().links.len()],
+            share: 1.0,
         };
         closing.run(give);
         Ok(closing.finish())
@@ -243,6 +244,8 @@ struct Closing<'a> {
     pushes: Vec<Point>,
     /// Links that have met something.
     done: Vec<bool>,
+    /// How far what never stopped is closed.
+    share: f64,
 }
 
 /// What a link met.
@@ -277,6 +280,8 @@ impl Closing<'_> {
                 None => share = (share + step).min(1.0),
             }
         }
+        // Out of steps: whatever still moves stays where it is.
+        self.share = share;
     }
 
     /// Values of the coordinates after a share of the closing.
@@ -357,7 +362,7 @@ impl Closing<'_> {
     }
 
     fn finish(self) -> Closed {
-        let joints = self.joints(1.0);
+        let joints = self.joints(self.share);
         let poses = self.hand.model().forward(&joints);
         let felt = |finger: usize| self.touched.iter().any(|t| t.finger == finger);
         let free = self.hand.fingers().iter().enumerate().filter(|(i, _)| !felt(*i));

@@ -7,8 +7,9 @@ use super::urdf::cuboid;
 use crate::shape::{Geometry, Mesh};
 use crate::space::{Point, Pose};
 
-/// How far from the middle of the workspace a move starts, metres.
+/// How far from the middle of the workspace a move starts at least, and in front of the object, metres.
 const START: f64 = 0.4;
+const BEFORE: f64 = 0.1;
 
 /// A flat hand nearer than this touches, metres.
 const TOUCHING: f64 = 4e-5;
@@ -202,10 +203,19 @@ fn guarded(
     sign: f64,
     table: Option<f64>,
 ) -> Option<Point> {
-    let start = middle[axis] - sign * START;
+    let far = |p: Point| ((object * nalgebra::Point3::from(p)).coords - middle)[axis].abs();
+    let extent = match geometry {
+        Geometry::Mesh(mesh) => mesh.vertices().iter().copied().map(far).fold(0.0, f64::max),
+        Geometry::Outline(outline) => {
+            let corners = outline.loops.iter().flatten().map(|c| Point::new(c[0], c[1], 0.0));
+            corners.map(far).fold(0.0, f64::max)
+        }
+    };
+    let away = START.max(extent + BEFORE);
+    let start = middle[axis] - sign * away;
     let most = match table {
         Some(height) if axis == 2 => start - height - GAP,
-        _ => 2.0 * START,
+        _ => 2.0 * away,
     };
     match geometry {
         Geometry::Mesh(mesh) => {
@@ -249,4 +259,26 @@ fn sweep(
         along += distance - 0.25 * TOUCHING;
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shape::mesh::tests::cuboid;
+
+    #[test]
+    fn objects_larger_than_a_hand_are_met_from_outside() {
+        // Half a metre up and two across: moves from 0.4 m off the middle would begin inside.
+        let mesh = cuboid([1.0, 0.05, 0.3]);
+        let geometry = Geometry::Mesh(mesh);
+        let object = Pose::translation(0.0, 0.0, 0.3);
+        let plate = Plate { width: 0.1, length: 0.2 };
+        let found = probe(&geometry, &object, Some(0.0), &plate).unwrap();
+        let [x, y, z] = found.sides;
+        assert!((z[1].unwrap().z - 0.6).abs() < 1e-3, "{z:?}");
+        assert!((x[0].unwrap().x + 1.0).abs() < 1e-3 && (x[1].unwrap().x - 1.0).abs() < 1e-3);
+        assert!((y[0].unwrap().y + 0.05).abs() < 1e-3 && (y[1].unwrap().y - 0.05).abs() < 1e-3);
+        // The places called clear are.
+        assert!(found.clear().iter().all(|p| geometry.distance(&(p - Point::z() * 0.3)) > 2e-3));
+    }
 }

@@ -1,10 +1,11 @@
 //! The shapes of the simulator's objects.
 
 use std::f64::consts::{PI, TAU};
+use std::path::Path;
 
 use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation};
 
-use super::{Arms, ObjectError, ObjectSpec};
+use super::{Arms, ObjectError, ObjectSpec, SIZES, malformed};
 use crate::shape::files::{read_mesh, read_outline};
 use crate::shape::{Geometry, Mesh, Outline};
 use crate::space::Point;
@@ -49,7 +50,7 @@ impl ObjectSpec {
                     let found = read.loops.len();
                     return Err(ObjectError::OnePolygon { file: file.clone(), found });
                 };
-                centred(vertices)?
+                sized(file, centred(vertices)?)?
             }
             ObjectSpec::Corners(corners) => centred(corners)?,
             ObjectSpec::Prism { base, height } => standing(base, *height, 1.0)?,
@@ -69,10 +70,24 @@ impl ObjectSpec {
                 if mesh.is_watertight() && litres < 0.0 {
                     return Err(ObjectError::InsideOut { file: file.clone(), litres });
                 }
-                Geometry::Mesh(mesh)
+                sized(file, Geometry::Mesh(mesh))?
             }
         })
     }
+}
+
+/// What a file holds, which says nothing of its unit.
+fn sized(file: &Path, geometry: Geometry) -> Result<Geometry, ObjectError> {
+    let (low, high) = geometry.bounds();
+    let size = (high - low).amax();
+    if SIZES.contains(&size) {
+        return Ok(geometry);
+    }
+    Err(malformed(
+        &file.display().to_string(),
+        "lengths in metres, and an object from 0.1 mm to 10 m across",
+        format!("{size:.4} m across"),
+    ))
 }
 
 fn outline(vertices: Vec<[f64; 2]>) -> Result<Geometry, ObjectError> {
@@ -167,6 +182,13 @@ fn prism(
         }
     }
     if !is_fan {
+        // The ends of a ring cut open have no corners of their own.
+        if let Some((_, [x, y])) =
+            polygon.iter().enumerate().find(|(i, v)| polygon[..*i].contains(v))
+        {
+            let expected = "a base whose corners all differ";
+            return Err(malformed("prism", expected, format!("({x}, {y}) m twice")));
+        }
         for [a, b, c] in triangulated(polygon) {
             triangles.push([c, b, a]);
             if has_top {

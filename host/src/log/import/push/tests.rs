@@ -188,7 +188,8 @@ fn the_object_turns_and_slips_about_its_centroid() {
     assert!(((length / count).sqrt() / 0.01 - 1.0).abs() < 0.05);
     assert!(((angle / count).sqrt() / 0.35 - 1.0).abs() < 0.05);
     let still = invented(Deviation { length: 0.0, angle: 0.0 }, 3, 1);
-    assert_eq!((still.noise.translation, still.noise.rotation), (None, None));
+    let least = [Noise::LEAST_TRANSLATION, Noise::LEAST_ROTATION].map(Some);
+    assert_eq!([still.noise.translation, still.noise.rotation], least);
     for (k, grasp) in still.grasps.iter().enumerate() {
         let yaw = space::angle(&grasp.truth.unwrap());
         assert!((yaw - k as f64 * REORIENTATION).abs() < 1e-9);

@@ -84,8 +84,10 @@ impl Drives {
     /// A joint that follows ends where it ends.
     fn narrow(&mut self, joint: &urdf_rs::Joint, drive: Drive) -> Result<(), Problem> {
         let (lower, upper) = limits(joint)?;
-        // Descriptions often leave the limits of a follower at their default: no limits then.
-        if lower == upper {
+        // Descriptions often leave the limits of a follower at their default: no limits then. What turns freely
+        // has none either.
+        let free = joint.joint_type == JointType::Continuous || joint.limit.upper == f64::INFINITY;
+        if lower == upper || free {
             return Ok(());
         }
         let ends = [lower, upper].map(|end| (end - drive.offset) / drive.factor);
