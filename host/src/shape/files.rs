@@ -12,6 +12,7 @@ mod ply;
 mod stl;
 
 use std::borrow::Cow;
+use std::collections::HashMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -112,6 +113,38 @@ impl Soup {
     }
 }
 
+/// Triangles whose equal corners are one vertex.
+#[derive(Default)]
+struct Merged {
+    soup: Soup,
+    known: HashMap<[u64; 3], u32>,
+}
+
+impl Merged {
+    fn of(mesh: &Mesh) -> Merged {
+        let mut merged = Merged::default();
+        let corner = |i: u32| mesh.vertices()[i as usize];
+        mesh.triangles().iter().for_each(|t| merged.triangle(t.map(corner)));
+        merged
+    }
+
+    fn triangle(&mut self, corners: [Point; 3]) {
+        let indices = corners.map(|p| {
+            // Adding zero makes −0 and +0 one.
+            let key = [p.x, p.y, p.z].map(|x| (x + 0.0).to_bits());
+            *self.known.entry(key).or_insert_with(|| {
+                self.soup.vertices.push(p);
+                self.soup.vertices.len() as u32 - 1
+            })
+        });
+        let [a, b, c] = indices;
+        // A triangle that merging has collapsed has no area, and would leave a seam open.
+        if a != b && b != c && c != a {
+            self.soup.triangles.push(indices);
+        }
+    }
+}
+
 /// Reads a mesh; the ending of the name tells the format.
 ///
 /// # Errors
@@ -150,8 +183,19 @@ fn mesh(path: &Path, bytes: &[u8], parse: Parser) -> Result<Mesh, FileError> {
         let end = Place::Byte(bytes.len());
         return Err(content(Wrong::new(end, "at least one triangle", "none")));
     }
-    Mesh::new(soup.vertices, soup.triangles)
-        .map_err(|source| FileError::Shape { file: path.into(), source })
+    let shape = |soup: Soup| {
+        Mesh::new(soup.vertices, soup.triangles)
+            .map_err(|source| FileError::Shape { file: path.into(), source })
+    };
+    let mesh = shape(soup)?;
+    // Files may give every face corners of its own, or say a corner twice.
+    if !mesh.is_watertight()
+        && let Ok(merged) = shape(Merged::of(&mesh).soup)
+        && merged.is_watertight()
+    {
+        return Ok(merged);
+    }
+    Ok(mesh)
 }
 
 /// Writes a mesh as binary little-endian PLY, fully or not at all: positions in double precision,

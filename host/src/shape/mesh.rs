@@ -195,7 +195,9 @@ impl Mesh {
     pub fn centroid(&self) -> Point {
         if self.is_watertight() {
             let (volume, first) = self.moments();
-            if volume != 0.0 {
+            let (low, high) = self.bounds();
+            // Of a closed surface without thickness it is rounding.
+            if volume.abs() > 1e-12 * (high - low).norm().powi(3) {
                 return self.vertices[0] + first / volume;
             }
         }

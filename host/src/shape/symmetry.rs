@@ -166,8 +166,10 @@ impl<'a> Search<'a> {
             return (vec![UnitQuaternion::identity()], Free::Axis(Vector3::z_axis()));
         }
         let part = |n: usize| std::f64::consts::TAU / n as f64;
-        let order =
-            (2..=FINEST).rev().find(|n| self.maps(&about(part(*n)), TOLERANCE)).unwrap_or(1);
+        // All turns of it: those of one that is nearly round are near for small angles alone.
+        let is_order =
+            |n: &usize| (1..=n / 2).all(|k| self.maps(&about(k as f64 * part(*n)), TOLERANCE));
+        let order = (2..=FINEST).rev().find(is_order).unwrap_or(1);
         ((0..order).map(|k| about(k as f64 * part(order))).collect(), Free::None)
     }
 
@@ -321,6 +323,7 @@ mod tests {
             ("hexagon:0.045", Some(6)),
             ("ngon:7,0.05", Some(7)),
             ("ellipse:0.1x0.06", Some(2)),
+            ("ellipse:0.1x0.097", Some(2)),
             ("ellipse:0.06x0.06", None),
             ("lshape:0.09x0.09x0.035", Some(1)),
             ("tshape:0.09x0.09x0.03", Some(1)),

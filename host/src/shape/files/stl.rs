@@ -1,9 +1,8 @@
 //! STL, ascii and binary: triangles without shared vertices, which are merged where equal.
 
-use std::collections::HashMap;
 use std::io::{Error, ErrorKind, Result as IoResult, Write};
 
-use super::{Place, Soup, Wrong, point, text};
+use super::{Merged, Place, Soup, Wrong, point, text};
 use crate::log::read::unmarked;
 use crate::shape::Mesh;
 use crate::space::Point;
@@ -107,29 +106,4 @@ pub(super) fn write(writer: &mut dyn Write, mesh: &Mesh) -> IoResult<()> {
         writer.write_all(&[0; 2])?;
     }
     Ok(())
-}
-
-/// Triangles whose equal corners are one vertex.
-#[derive(Default)]
-struct Merged {
-    soup: Soup,
-    known: HashMap<[u64; 3], u32>,
-}
-
-impl Merged {
-    fn triangle(&mut self, corners: [Point; 3]) {
-        let indices = corners.map(|p| {
-            // Adding zero makes −0 and +0 one.
-            let key = [p.x, p.y, p.z].map(|x| (x + 0.0).to_bits());
-            *self.known.entry(key).or_insert_with(|| {
-                self.soup.vertices.push(p);
-                self.soup.vertices.len() as u32 - 1
-            })
-        });
-        let [a, b, c] = indices;
-        // A triangle that merging has collapsed has no area, and would leave a seam open.
-        if a != b && b != c && c != a {
-            self.soup.triangles.push(indices);
-        }
-    }
 }

@@ -33,6 +33,22 @@ fn ply_comes_back_exactly() {
 }
 
 #[test]
+fn faces_with_corners_of_their_own_are_joined() {
+    // As exporters with a normal for every corner write them; and a triangle as a quadrilateral.
+    let mesh = cuboid([0.1, 0.03, 0.02]);
+    let corners = mesh.triangles().iter().flatten().map(|v| mesh.vertices()[*v as usize]);
+    let mut text: String = corners.map(|p| format!("v {} {} {}\n", p.x, p.y, p.z)).collect();
+    for k in 0..mesh.triangles().len() {
+        let [a, b, c] = [1, 2, 3].map(|i| 3 * k + i);
+        text += &if k == 0 { format!("f {a} {b} {c} {c}\n") } else { format!("f {a} {b} {c}\n") };
+    }
+    let joined = parsed("a.obj", text.as_bytes()).unwrap();
+    assert!(joined.is_watertight());
+    assert_eq!((joined.vertices().len(), joined.triangles().len()), (8, 12));
+    assert!((joined.volume() - mesh.volume()).abs() < 1e-15);
+}
+
+#[test]
 fn plain_meshes_come_back() {
     let folder = tempfile::tempdir().unwrap();
     let mesh = cuboid([0.1 / 3.0, 0.03, 0.02]);

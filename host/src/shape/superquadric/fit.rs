@@ -14,6 +14,7 @@ use super::{
 };
 use crate::reference::Contact;
 use crate::space::{Point, Pose};
+use crate::thin::evenly;
 
 /// Deviations beyond which a contact pulls with constant force only (Huber).
 const HUBER: f64 = 2.0;
@@ -76,8 +77,7 @@ impl Superquadric {
             return Err(Error::NoExtent(reach));
         }
 
-        let stride = contacts.len().div_ceil(SCOUTS);
-        let scouts: Vec<Contact> = contacts.iter().step_by(stride).copied().collect();
+        let scouts = evenly(contacts, SCOUTS);
         let scouting = Problem { contacts: &scouts, reach };
         let mut found: Vec<(f64, Form)> = starts(dimension, contacts)
             .into_iter()
