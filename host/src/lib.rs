@@ -28,4 +28,5 @@ pub mod shape;
 pub mod sim;
 pub mod slam;
 pub mod space;
+pub mod thin;
 pub mod view;

@@ -13,6 +13,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
 use crate::space::{Point, across};
+use crate::thin::evenly;
 
 /// Contacts that normals are sought for together in the plane and in space; the others get them from the
 /// surface of these.
@@ -78,11 +79,7 @@ pub fn guessed(dimension: usize, contacts: &[Contact]) -> Option<Vec<Contact>> {
 fn anchors(usable: &[usize], is_bare: impl Fn(&usize) -> bool, most: usize) -> Vec<usize> {
     let (bare, felt): (Vec<usize>, Vec<usize>) = usable.iter().copied().partition(is_bare);
     let half = (most / 2).max(most.saturating_sub(bare.len())).min(felt.len());
-    let spread = |all: Vec<usize>, count: usize| {
-        let count = count.min(all.len());
-        (0..count).map(|i| all[i * all.len() / count]).collect::<Vec<usize>>()
-    };
-    let mut anchors = [spread(felt, half), spread(bare, most - half)].concat();
+    let mut anchors = [evenly(&felt, half), evenly(&bare, most - half)].concat();
     anchors.sort_unstable();
     anchors
 }

@@ -15,6 +15,7 @@ use crate::slam::choose::{DOUBT, doubt, fitted};
 use crate::slam::free::{Free, open};
 use crate::slam::reconstruct::Error;
 use crate::space::Point;
+use crate::thin::evenly;
 
 /// Contacts that decide the hyper-parameters at most, and what the process is about; the fit itself
 /// uses all.
@@ -93,7 +94,7 @@ pub fn explained(
     contacts: &[Contact],
     free: &[Free],
 ) -> Result<Option<Fitted>, Error> {
-    let judging = spread(contacts, JUDGING);
+    let judging = evenly(contacts, JUDGING);
     let all = candidates(dimension, contacts, &judging)?;
     let is_fine = |c: &Candidate| c.explains() && c.evidence.is_finite();
     let mut left: Vec<Candidate> = all.into_iter().filter(is_fine).collect();
@@ -202,7 +203,7 @@ pub fn model_of(
     contacts: &[Contact],
     [judges, deciders]: [usize; 2],
 ) -> Result<Model, Error> {
-    let judging = spread(contacts, judges);
+    let judging = evenly(contacts, judges);
     let mut candidates = candidates(dimension, contacts, &judging)?.into_iter();
     let mut best = candidates.next().ok_or(Error::NoContacts)?;
     let (ball, price) = (best.evidence, GAIN * judging.len() as f64);
@@ -213,7 +214,7 @@ pub fn model_of(
         }
     }
     if contacts.len() > judges {
-        let deciding = spread(contacts, deciders);
+        let deciding = evenly(contacts, deciders);
         best = Candidate::new(dimension, &deciding, radius(contacts)?, best.body, best.search)?;
     }
     Ok(best.model(dimension, contacts))
@@ -230,7 +231,7 @@ pub fn simpler(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<
         return None;
     }
     let search = residual(dimension, contacts);
-    let judging = spread(contacts, JUDGING);
+    let judging = evenly(contacts, JUDGING);
     let evidence = |body: Body| {
         let found = Candidate::new(dimension, &judging, radius, body, search);
         found.ok().map(|candidate| candidate.evidence)
@@ -293,7 +294,7 @@ pub fn open_beside(dimension: usize, contacts: &[Contact], free: &[Free]) -> Opt
     let ball = Body::doubtful_ball(dimension, contacts)?;
     let lengthscale = Search::default().lengthscale.mode * radius;
     let kernel = Kernel::Matern32 { amplitude: radius, lengthscale };
-    let surface = open(dimension, kernel, ball, &spread(contacts, DECIDING), free).ok()?;
+    let surface = open(dimension, kernel, ball, &evenly(contacts, DECIDING), free).ok()?;
     Some(Doubt::new(surface, Doubt::share(dimension, contacts.len())))
 }
 
@@ -305,7 +306,7 @@ pub fn fit_experts(dimension: usize, contacts: &[Contact]) -> Result<(Kernel, Ex
     let Some(prior @ Prior::Ball { radius, .. }) = Prior::fitted(contacts) else {
         return Err(Error::NoContacts);
     };
-    let deciding = spread(contacts, DECIDING);
+    let deciding = evenly(contacts, DECIDING);
     // The search replaces both numbers of the family.
     let family = Kernel::Matern32 { amplitude: radius, lengthscale: radius };
     let search = Search::default();
@@ -319,12 +320,6 @@ pub fn fit_experts(dimension: usize, contacts: &[Contact]) -> Result<(Kernel, Ex
         experts.insert(&contact.with_noise(found.noise))?;
     }
     Ok((found.kernel, experts))
-}
-
-/// Up to `most` contacts, evenly through the list.
-pub(super) fn spread(contacts: &[Contact], most: usize) -> Vec<Contact> {
-    let stride = contacts.len().div_ceil(most).max(1);
-    contacts.iter().step_by(stride).copied().collect()
 }
 
 /// The contacts with so many times their deviations.

@@ -9,12 +9,13 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::choose::{DOUBT, doubt};
-use super::fit::{exactness, spread, usual};
+use super::fit::{exactness, usual};
 use crate::model::body::Body;
 use crate::model::mirror::{Image, Mirror};
 use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
 use crate::shape::Geometry;
 use crate::space::Point;
+use crate::thin::evenly;
 
 /// Nats by which contacts must be likelier with one plane more, what its numbers take up paid for: odds of 50:1, for
 /// the process is too sure of itself where a surface has corners.
@@ -97,7 +98,8 @@ impl Mirrored {
     /// larger: the larger it is, the more contacts would have been felt on what only images show (the size principle of
     /// Tenenbaum and Griffiths, Behavioral and Brain Sciences 24, 2001). A shape without any size suits nothing.
     pub fn suits(&self, mirrored: &Geometry, alone: &Geometry) -> bool {
-        let contacts = self.contacts.len() >> self.mirrors.len();
+        // As many as the evidence is of.
+        let contacts = (self.contacts.len() >> self.mirrors.len()).min(DECIDING);
         let price = contacts as f64 * (mirrored.size() / alone.size()).ln();
         self.evidence - price > SURE
     }
@@ -121,7 +123,7 @@ impl Surface {
     fn of(dimension: usize, contacts: &[Contact]) -> Option<Surface> {
         let Some(Prior::Ball { centre, radius }) = Prior::fitted(contacts) else { return None };
         let body = Body::doubtful_ball(dimension, contacts)?;
-        let contacts = spread(contacts, DECIDING);
+        let contacts = evenly(contacts, DECIDING);
         // The search replaces both numbers of the family.
         let family = Kernel::Matern32 { amplitude: radius, lengthscale: radius };
         let search = usual(dimension, &contacts);
@@ -130,7 +132,7 @@ impl Surface {
             search.run(dimension, family, mean, Training::Derivative, &contacts, radius).ok()?;
         let noise = found.noise * exactness(dimension, &contacts);
         let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(noise)).collect();
-        let few = spread(&contacts, COMPARING);
+        let few = evenly(&contacts, COMPARING);
         Some(Surface { dimension, kernel: found.kernel, body, centre, radius, contacts, few })
     }
 

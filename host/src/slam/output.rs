@@ -238,6 +238,14 @@ const REPORT: &str = "report.json";
 /// When a file is where the folder, one above it, or a folder where one of the results would be; when
 /// nothing can be written there.
 pub fn check_folder(folder: &Path) -> Result<(), WriteError> {
+    check_folder_for(folder, &RESULTS)
+}
+
+/// As [`check_folder`], for files of these names.
+///
+/// # Errors
+/// As [`check_folder`].
+pub fn check_folder_for(folder: &Path, names: &[impl AsRef<str>]) -> Result<(), WriteError> {
     let refuse = |path: &Path, problem| {
         Err(WriteError::at(path)(io::Error::new(io::ErrorKind::InvalidInput, problem)))
     };
@@ -253,8 +261,8 @@ pub fn check_folder(folder: &Path) -> Result<(), WriteError> {
             .tempfile_in(&above)
             .map_err(WriteError::at(&above))?;
     }
-    for name in RESULTS {
-        let path = folder.join(name);
+    for name in names {
+        let path = folder.join(name.as_ref());
         if path.is_dir() {
             return refuse(&path, "expected a file or nothing, found a folder");
         }

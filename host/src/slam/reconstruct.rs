@@ -22,6 +22,7 @@ use crate::slam::place::{Placed, free, place};
 use crate::slam::sift;
 use crate::slam::track::Step;
 use crate::space::{Point, Pose};
+use crate::thin::evenly;
 
 /// A surface, in the frame of the contacts that it was made of.
 #[derive(Clone, Debug)]
@@ -486,11 +487,6 @@ fn is_open(sides: &Faces, free: &[Free]) -> bool {
     let is_outside =
         |f: &Free| sides.active(&f.point).is_none_or(|(value, _)| value > -SURELY * f.deviation);
     free.iter().all(is_outside)
-}
-
-/// At most `most` contacts, taken evenly from all in their order.
-pub fn evenly(contacts: &[Contact], most: usize) -> Vec<Contact> {
-    contacts.iter().step_by(contacts.len().div_ceil(most).max(1)).copied().collect()
 }
 
 /// The touched part of the zero set, in a box about the contacts that grows until it holds it.

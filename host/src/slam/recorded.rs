@@ -20,6 +20,7 @@ use crate::slam::reconstruct::{Poses, Reconstruction, shape};
 use crate::slam::track::Step;
 use crate::slam::{Progress, usual_deviations};
 use crate::space::{Point, Pose};
+use crate::thin::evenly;
 use crate::view::growth::{Grown, grow};
 use crate::view::mcap;
 use crate::view::scene::{Grasp, Meta, Scene, Surface};
@@ -342,8 +343,7 @@ fn surfaces(dimension: usize, grasps: &[Grasp], noise: &Noise) -> (Option<String
         placed_contacts(&mut placed, at, grasp, noise);
     }
     let most = CONTACTS[usize::from(dimension == 3)];
-    let stride = placed.len().div_ceil(most).max(1);
-    let contacts: Vec<Placed> = placed.into_iter().step_by(stride).collect();
+    let contacts = evenly(&placed, most);
     let touching = contacts.iter().map(|p| p.grasp).collect::<std::collections::BTreeSet<_>>();
     if touching.len() < LEAST_GRASPS {
         return (None, Vec::new());

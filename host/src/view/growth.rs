@@ -12,8 +12,9 @@ use crate::slam::choose::{self, Model};
 use crate::slam::fit::fit;
 use crate::slam::free::Free;
 use crate::slam::place::Placed;
-use crate::slam::reconstruct::{Reconstruction, evenly, extract_at};
+use crate::slam::reconstruct::{Reconstruction, extract_at};
 use crate::space::Point;
+use crate::thin::evenly;
 
 /// Surfaces on the way at most, the final one not counted.
 const MOMENTS: usize = 7;
@@ -64,9 +65,7 @@ pub fn grow(
             let felt: Vec<Contact> = placed[..count].iter().map(|p| p.contact).collect();
             let contacts = evenly(&felt, CONTACTS[usize::from(dimension == 3)]);
             let contacts = bare::guessed(dimension, &contacts).unwrap_or(contacts);
-            let mut free = free(grasp + 1);
-            let stride = free.len().div_ceil(FREE).max(1);
-            free = free.into_iter().step_by(stride).collect();
+            let free = evenly(&free(grasp + 1), FREE);
             let (geometry, deviations) = coarse(dimension, &contacts, &free, flat)?;
             let (geometry, deviations) = thinned(geometry, deviations, TRIANGLES);
             Some(Grown { grasp, geometry, deviations })

@@ -387,15 +387,18 @@ impl Problem {
         };
         let modes = (0..fit.parameters.len()).map(mode).collect::<Option<_>>()?;
         let usual = self.start(fit.round).parameters;
-        let odd = (0..round).map(|i| ((fit.parameters[i] - usual[i]) / SHAPE).powi(2));
-        let oddity = 0.5 * odd.sum::<f64>();
+        let pull = |parameters: &DVector<f64>| -> f64 {
+            usual.iter().zip(parameters).map(|(u, p)| ((p - u) / SHAPE).powi(2)).sum()
+        };
+        let oddity = 0.5 * pull(&fit.parameters);
         // With the contacts' own weights.
         let exact = self.exact().climb(fit.clone(), TRIAL);
         let planes = (fit.parameters.len() - round) / (self.dimension + 1);
         let idle = if let Round::Turned(_) = fit.round { Turned::IDLE } else { 0 };
         let degrees = self.measured() as f64 - (round - idle + self.dimension * planes) as f64;
         let parts = placed(&fit.parameters)?;
-        Some(Body { parts, modes, oddity, chi_squared: exact.cost, degrees })
+        let chi_squared = exact.cost - pull(&exact.parameters);
+        Some(Body { parts, modes, oddity, chi_squared, degrees })
     }
 
     /// Standardised residuals: per contact the body's value, and the normal's difference from the

@@ -82,7 +82,7 @@ fn off_cone(three: &[&Face; 3], normal: &Point) -> f64 {
 }
 
 /// What explains a contact best without the face `barred`, and what that costs, rarity included.
-fn best(faces: &[Face], contact: &Contact, normal: &Point, barred: Option<usize>) -> (Owner, f64) {
+fn best(faces: &[Face], contact: &Contact, barred: Option<usize>) -> (Owner, f64) {
     let allowed = (0..faces.len()).filter(|i| Some(*i) != barred);
     let near: Vec<usize> = allowed
         .clone()
@@ -99,9 +99,7 @@ fn best(faces: &[Face], contact: &Contact, normal: &Point, barred: Option<usize>
         }
     };
     for i in allowed {
-        if (normal - faces[i].normal).norm_squared() < 1.0 {
-            consider(Owner::Face(i), 0.0);
-        }
+        consider(Owner::Face(i), 0.0);
     }
     for (a, &i) in near.iter().enumerate() {
         for (b, &j) in near.iter().enumerate().skip(a + 1) {
@@ -137,10 +135,10 @@ impl Faces {
             let mut rise = 0.0;
             let mut members = 0.0_f64;
             for (contact, owner) in contacts.iter().zip(&self.owners) {
-                let (Some(owner), Some(normal)) = (owner, contact.normal) else { continue };
+                let (Some(owner), Some(_)) = (owner, contact.normal) else { continue };
                 if owner.faces().contains(face) {
                     let now = cost(&self.faces, contact, owner);
-                    let (other, cost) = best(&self.faces, contact, &normal, Some(*face));
+                    let (other, cost) = best(&self.faces, contact, Some(*face));
                     rise += cost - RARER * (other.faces().len() - 1) as f64 - now;
                     members += 1.0;
                 }
@@ -171,9 +169,12 @@ impl Faces {
             }
             faces = fitted;
         }
-        let owner = |contact: &Option<Contact>| match contact.as_ref()?.normal {
-            Some(normal) => Some(best(&faces, contact.as_ref()?, &normal, None).0),
-            None => resting(&faces, contact.as_ref()?).map(Owner::Face),
+        let owner = |contact: &Option<Contact>| {
+            let contact = contact.as_ref()?;
+            match contact.normal {
+                Some(_) => Some(best(&faces, contact, None).0),
+                None => resting(&faces, contact).map(Owner::Face),
+            }
         };
         let owners = checked.iter().map(owner).collect();
         Faces::explaining(self.dimension, contacts, faces, owners)
@@ -183,7 +184,7 @@ impl Faces {
 /// The face that a contact lies on, away from edges and corners, with what it says about it.
 fn alone(faces: &[Face], contact: &Contact) -> Option<(usize, Moments)> {
     match &contact.normal {
-        Some(normal) => match best(faces, contact, normal, None).0 {
+        Some(normal) => match best(faces, contact, None).0 {
             Owner::Face(face) => Some((face, Moments::of(contact, *normal))),
             _ => None,
         },

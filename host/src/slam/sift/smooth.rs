@@ -5,6 +5,7 @@ use crate::model::body::Body;
 use crate::reference::hyper::Belief;
 use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
 use crate::slam::fit::{self, DECIDING, exactness};
+use crate::thin::evenly;
 
 /// Odds that a contact is no wild one, nats, before it is compared with others: a fifth may be.
 const RARE: f64 = 1.4;
@@ -37,7 +38,7 @@ pub fn beside_surface(dimension: usize, contacts: &[Contact]) -> Option<Vec<bool
             break;
         }
         trusted = next;
-        let deciding = fit::spread(&only(contacts, &trusted), DECIDING);
+        let deciding = evenly(&only(contacts, &trusted), DECIDING);
         let ball = Body::ball(dimension, &deciding)?;
         let found =
             usual.run(dimension, of(radius, radius), ball, Training::Derivative, &deciding, radius);
