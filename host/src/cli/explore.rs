@@ -10,6 +10,7 @@ use tactile_core::explore as core;
 use tactile_core::space::{Planar, Spatial};
 use tactile_core::wire::WireSpace;
 
+use self::check::check;
 use self::stage::Stage;
 use self::table::table;
 use super::live::{self, Port};
@@ -32,6 +33,7 @@ use crate::slam::output::{self, Outcome, Provenance, check_folder, conclude};
 use crate::slam::trackers::Kind;
 use crate::space::Bridge;
 
+mod check;
 mod stage;
 mod table;
 
@@ -202,32 +204,6 @@ fn order(text: &str) -> Result<f64, String> {
 
 fn until(text: &str) -> Result<Until, String> {
     text.parse()
-}
-
-/// Refuses options that others make meaningless.
-fn check(args: &ExploreArgs) -> Result<(), Error> {
-    let idle = |is_given: bool, kind: Kinds| is_given && args.candidates != kind;
-    for (is_idle, option, other) in [
-        (idle(args.area.is_some(), Kinds::Clusters), "--area", "--candidates clusters"),
-        (idle(args.count.is_some(), Kinds::Continuous), "--count", "--candidates continuous"),
-        (
-            args.alpha.is_some() && args.criterion != Criterion::Renyi,
-            "--alpha",
-            "--criterion renyi",
-        ),
-    ] {
-        if is_idle {
-            return Err(Error::Input(format!("{option} has a meaning only with {other}")));
-        }
-    }
-    if matches!(args.until, Until::Gain(_)) && !args.criterion.is_in_nats() {
-        return Err(Error::Input(format!(
-            "--until {}: expected a criterion that counts in nats, found --criterion {}",
-            args.until,
-            name(args.criterion)
-        )));
-    }
-    Ok(())
 }
 
 impl ExploreArgs {

@@ -83,7 +83,7 @@ pub struct LiveArgs {
     #[arg(long, value_enum, default_value_t = Correction::None)]
     graph: Correction,
     /// Grasps between two corrections
-    #[arg(long, value_name = "N", default_value_t = 4,
+    #[arg(long, value_name = "N", default_value_t = 4, requires = "graph",
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1000))]
     correct_every: usize,
     /// Show the board's fingertips the raw words in the log (of simulate --sensors) instead of telling

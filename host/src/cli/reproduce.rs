@@ -7,24 +7,25 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use serde::Serialize;
 
+use self::part::PartArgs;
 use crate::cli::Error;
 use crate::cli::terminal::{note, say, warn};
 use crate::data;
 use crate::experiment::chapter2::{self, FIGURES};
-use crate::experiment::exploration::{Among, Goal};
 use crate::experiment::figure::{Drawn, FigureError};
-use crate::experiment::model::Model;
 use crate::experiment::tracking::{Contender, consistency, mujoco};
 use crate::experiment::{
     calibration, chapter3, chapter4, exploration, graphs, localization, memory, outliers, planning,
     pose_graphs, probing, push, sensing, shapes, solids, tracking,
 };
-use crate::explore::Criterion;
 use crate::graph;
 use crate::log::write::write_atomically;
 use crate::quantity::{self, Deviation};
+use crate::slam::output::check_folder_for;
 use crate::slam::trackers::Kind;
 use crate::view::drawing::{Drawing, PictureError};
+
+mod part;
 
 /// Repeat an experiment: the thesis' number, or our goal, beside ours.
 #[derive(Debug, Args)]
@@ -35,7 +36,8 @@ pub struct ReproduceArgs {
     #[arg(value_parser = PossibleValuesParser::new(names()))]
     name: String,
     /// How many seeds, from 0 on [default: 20; of tracking, tracking-calibration, table-4.2 and table-4.3
-    /// 40, of solids and its kin 10, of pose-graphs and pose-graph-outliers 5, of mujoco 1]
+    /// 40, of solids and its kin 10, of pose-graphs and pose-graph-outliers 5, of sensing-drift 4 and no more, of
+    /// mujoco 1]
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     seeds: Option<u64>,
     /// Print the numbers as JSON
@@ -54,113 +56,11 @@ impl ReproduceArgs {
             TRACKING | CONSISTENCY => 40,
             name if EXPLORATION.contains(&name) => 40,
             MUJOCO => 1,
+            DRIFT => sensing::drift::SEEDS,
             POSE_GRAPHS | POSE_GRAPH_OUTLIERS => 5,
             name if SOLIDS.contains(&name) => 10,
             _ => 20,
         })
-    }
-}
-
-/// Which part of a comparison to run: all of it together runs for hours.
-#[derive(Debug, PartialEq, Args)]
-#[command(
-    next_help_heading = "Only for shapes, tracking, mujoco, pose-graphs, table-4.2, table-4.3 and their like"
-)]
-struct PartArgs {
-    /// Only objects (of mujoco: recordings, of pose-graphs: graphs) whose name holds this, such as ycb/ or
-    /// box; or, of shapes and tracking, any object as in simulate, also random:2,SEED or random:3,SEED
-    #[arg(long, value_name = "OBJECT")]
-    object: Vec<String>,
-    /// The first seed [default: 0]
-    #[arg(long, value_name = "SEED")]
-    first_seed: Option<u64>,
-    /// Of shapes: standard deviations of contact points and normals [default: 1mm,5deg]; of tracking:
-    /// motion noise in percent of 10 mm and 20° (in space 11.5° per axis) [default: 25,50,100]
-    #[arg(long, value_name = "NOISE", allow_hyphen_values = true)]
-    noise: Option<String>,
-    /// Of shapes: only these numbers of contacts [default: 5 to 60 in the plane, 5 to 200 in space]
-    #[arg(long, value_name = "N", value_delimiter = ',',
-          value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1024))]
-    contacts: Vec<usize>,
-    /// Of shapes: only these models, and auto [default: all]
-    #[arg(long, value_name = "MODEL", value_delimiter = ',', value_parser = shapes::model)]
-    model: Vec<Model>,
-    /// Of tracking and mujoco: only these trackers; oracle (true poses), batch (the joint graph from those), bound
-    /// and odometry (none but the hand's) too; of table-4.3 and solids-moving: this one instead of those that suit the objects
-    #[arg(long, value_name = "TRACKER")]
-    tracker: Vec<Contender>,
-    /// Of tracking, mujoco and table-4.3: what corrects the trackers' poses afterwards [default: none, of
-    /// table-4.3 planes]
-    #[arg(long, value_enum)]
-    graph: Option<graph::Kind>,
-    /// Of shapes and tracking: which part of the contacts is wild [default: 0]; of pose-graph-outliers: only this
-    /// part of the closures false, at random and in groups [default: 0.1, 0.3 and 0.5]
-    #[arg(long, value_name = "PART", allow_negative_numbers = true)]
-    outliers: Option<f64>,
-    /// Of tracking: how many in a run [default: 16 in the plane, 20 in space]
-    #[arg(long, value_name = "N")]
-    grasps: Option<usize>,
-    /// Of table-4.2 and table-4.3: only rows of these criteria, any of explore's
-    #[arg(long, value_enum, value_name = "CRITERION", value_delimiter = ',')]
-    criterion: Vec<Criterion>,
-    /// Of table-4.2 and table-4.3: only rows that choose among these
-    #[arg(long, value_enum, value_delimiter = ',')]
-    candidates: Vec<Among>,
-    /// Of table-4.2 and table-4.3: only rows with these goals: lenient or strict, and of table-4.3
-    /// lenient+pose or strict+pose, where the last pose must be known, too
-    #[arg(long, value_name = "GOAL", value_delimiter = ',')]
-    until: Vec<Goal>,
-}
-
-impl PartArgs {
-    /// The options that were given, each with the experiments that take it.
-    fn given(&self) -> impl Iterator<Item = (&'static str, &'static [&'static str])> {
-        const COMPARISONS: &[&str] = &[
-            SHAPES,
-            TRACKING,
-            CONSISTENCY,
-            POSE_GRAPH_OUTLIERS,
-            EXPLORATION[0],
-            EXPLORATION[1],
-            SOLIDS[0],
-            SOLIDS[1],
-            SOLIDS[2],
-            PLANNING,
-        ];
-        const NOISY: &[&str] = &[SHAPES, TRACKING, CONSISTENCY];
-        const TRACKERS: &[&str] = &[TRACKING, CONSISTENCY, MUJOCO, EXPLORATION[1], SOLIDS[1]];
-        const SIMULATED: &[&str] = &[TRACKING, CONSISTENCY];
-        const ALL: &[&str] = &[
-            SHAPES,
-            TRACKING,
-            CONSISTENCY,
-            MUJOCO,
-            POSE_GRAPHS,
-            POSE_GRAPH_OUTLIERS,
-            EXPLORATION[0],
-            EXPLORATION[1],
-            SOLIDS[0],
-            SOLIDS[1],
-            SOLIDS[2],
-            PLANNING,
-        ];
-        const SPOILED: &[&str] = &[SHAPES, TRACKING, CONSISTENCY, POSE_GRAPH_OUTLIERS];
-        const CORRECTED: &[&str] = &[TRACKING, MUJOCO, EXPLORATION[1]];
-        let options: [(_, &'static [&'static str], bool); 12] = [
-            ("--object", ALL, !self.object.is_empty()),
-            ("--first-seed", COMPARISONS, self.first_seed.is_some()),
-            ("--noise", NOISY, self.noise.is_some()),
-            ("--contacts", &[SHAPES], !self.contacts.is_empty()),
-            ("--model", &[SHAPES], !self.model.is_empty()),
-            ("--tracker", TRACKERS, !self.tracker.is_empty()),
-            ("--graph", CORRECTED, self.graph.is_some()),
-            ("--outliers", SPOILED, self.outliers.is_some()),
-            ("--grasps", SIMULATED, self.grasps.is_some()),
-            ("--criterion", &EXPLORATION, !self.criterion.is_empty()),
-            ("--candidates", &EXPLORATION, !self.candidates.is_empty()),
-            ("--until", &EXPLORATION, !self.until.is_empty()),
-        ];
-        options.into_iter().filter_map(|(name, takers, given)| given.then_some((name, takers)))
     }
 }
 
@@ -198,6 +98,9 @@ const DRIFT: &str = "sensing-drift";
 
 /// What is quick and no figure of the thesis.
 const OTHERS: [&str; 5] = ["push", WRENCH, ELECTRODES, DRIFT, probing::NAME];
+
+/// The same every time.
+const UNSEEDED: [&str; 4] = ["push", "figure-3.7", "figure-3.20", "figure-3.21"];
 
 /// Not part of `all`, which would take hours with them.
 const LONG: [&str; 10] = [
@@ -254,20 +157,23 @@ impl Outcome {
         Outcome::pictured(name, &drawn, Ok(drawn.picture.clone()))
     }
 
+    /// Files that [`Outcome::write`] makes.
+    fn files(name: &str) -> [String; 3] {
+        ["json", "svg", "png"].map(|kind| format!("{name}.{kind}"))
+    }
+
     fn write(&self, folder: &Path) -> Result<(), Error> {
         let save = |name: &str, content: &[u8]| {
             let path = folder.join(name);
-            write_atomically(&path, |w| w.write_all(content)).map_err(|e| cannot_write(&path, &e))
+            write_atomically(&path, |w| w.write_all(content))
+                .map_err(|e| Error::failure(format!("{}: cannot write: {e}", path.display())))
         };
-        let json = serde_json::to_string_pretty(&self.json).map_err(Error::failure)?;
-        save(&format!("{}.json", self.name), json.as_bytes())?;
-        save(&format!("{}.svg", self.name), self.picture.svg().as_bytes())?;
-        save(&format!("{}.png", self.name), &self.picture.png().map_err(Error::failure)?)
+        let [json, svg, png] = Outcome::files(self.name);
+        let numbers = serde_json::to_string_pretty(&self.json).map_err(Error::failure)?;
+        save(&json, numbers.as_bytes())?;
+        save(&svg, self.picture.svg().as_bytes())?;
+        save(&png, &self.picture.png().map_err(Error::failure)?)
     }
-}
-
-fn cannot_write(path: &Path, why: &dyn Display) -> Error {
-    Error::input(format!("{}: cannot write: {why}", path.display()))
 }
 
 /// Runs the subcommand.
@@ -285,9 +191,20 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
             )));
         }
     }
+    let fixed = UNSEEDED.contains(&args.name.as_str());
+    let most = if args.name == DRIFT { sensing::drift::SEEDS } else { u64::MAX };
+    if args.seeds.is_some_and(|seeds| fixed || seeds > most) {
+        let what =
+            if fixed { "has no chance in it".into() } else { format!("takes at most {most}") };
+        return Err(Error::Input(format!("--seeds: {} {what}", args.name)));
+    }
     // Before anything long is begun.
     if let Some(folder) = &args.out {
-        std::fs::create_dir_all(folder).map_err(|e| cannot_write(folder, &e))?;
+        let figures = names().into_iter().filter(|name| args.name == "all" || args.name == *name);
+        let files: Vec<String> = figures.flat_map(Outcome::files).collect();
+        check_folder_for(folder, &files).map_err(Error::input)?;
+        std::fs::create_dir_all(folder)
+            .map_err(|e| Error::input(format!("{}: cannot write: {e}", folder.display())))?;
     }
     match args.name.as_str() {
         SHAPES => return compare_shapes(args),
@@ -390,11 +307,19 @@ fn compare_trackers(args: &ReproduceArgs) -> Result<(), Error> {
     if args.name == CONSISTENCY {
         let rows = watch(args, consistency::heading());
         let table = consistency::run(&selection, rows).map_err(Error::input)?;
+        some(&table.rows)?;
         return conclude(args, &Outcome::pictured(CONSISTENCY, &table, table.picture())?);
     }
     let rows = watch(args, tracking::heading());
     let table = tracking::run(&selection, rows).map_err(Error::input)?;
+    some(&table.rows)?;
     conclude(args, &Outcome::pictured(TRACKING, &table, table.picture())?)
+}
+
+/// Refuses what selects nothing.
+fn some<R>(rows: &[R]) -> Result<(), Error> {
+    let nothing = "--object, --tracker: nothing of these can be judged so";
+    if rows.is_empty() { Err(Error::input(nothing)) } else { Ok(()) }
 }
 
 /// All trackers on the recordings, row by row as they are done.
@@ -407,6 +332,9 @@ fn follow_recordings(args: &ReproduceArgs) -> Result<(), Error> {
         seeds: args.seeds(),
     };
     let rows = watch(args, mujoco::heading());
+    if tracker.iter().any(|contender| matches!(contender, Contender::Bound)) {
+        return Err(Error::input("--tracker bound: no recording of mujoco has one"));
+    }
     let table = mujoco::run(data::folder().as_deref(), &selection, rows).map_err(Error::input)?;
     conclude(args, &Outcome::pictured(MUJOCO, &table, table.picture())?)
 }
@@ -456,6 +384,9 @@ fn explore_solids(args: &ReproduceArgs) -> Result<(), Error> {
         return conclude(args, &Outcome::pictured(hand, &table, table.picture())?);
     }
     let (name, moving) = if args.name == fixed { (fixed, None) } else { (moving, Some(tracker)) };
+    if tracker.len() > 1 {
+        return Err(Error::input("--tracker: solids-moving takes one"));
+    }
     let follows = |contender: &Contender| match contender {
         Contender::Tracker(kind) => Ok(*kind),
         _ => Err(Error::input("--tracker: solids-moving takes one of ours")),
@@ -514,16 +445,14 @@ fn watch<R: Display>(args: &ReproduceArgs, heading: String) -> impl FnMut(&R) {
     }
 }
 
-/// Writes and prints what came of a comparison.
+/// Prints and writes what came of a comparison.
 fn conclude(args: &ReproduceArgs, outcome: &Outcome) -> Result<(), Error> {
-    if let Some(folder) = &args.out {
-        outcome.write(folder)?;
-    }
     if args.json {
-        say(serde_json::to_string_pretty(&outcome.json).map_err(Error::failure)?)
+        say(serde_json::to_string_pretty(&outcome.json).map_err(Error::failure)?)?;
     } else {
-        say(&outcome.text)
+        say(&outcome.text)?;
     }
+    args.out.as_ref().map_or(Ok(()), |folder| outcome.write(folder))
 }
 
 fn one(name: &'static str, args: &ReproduceArgs) -> Result<Outcome, Error> {

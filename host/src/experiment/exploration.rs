@@ -9,6 +9,7 @@ use clap::ValueEnum;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::mean::mean;
 use super::proportion::Proportion;
 use super::{Spread, with_room};
 use crate::explore::{End, Episode, Planning, Settings, explore};
@@ -150,7 +151,7 @@ fn row(case: &Case, seeds: Range<u64>) -> Row {
             count(first.map(|k| k + 1))
         })
         .collect();
-    let (mean, plus_minus) = mean(&actions);
+    let (actions, plus_minus) = mean(actions);
     let good =
         |e: &Episode| e.reached() && e.pose_error.0 <= POSE.length && e.pose_error.1 <= POSE.angle;
     let arrived: Vec<&Episode> = runs.iter().flatten().filter(|e| e.reached()).collect();
@@ -180,16 +181,16 @@ fn row(case: &Case, seeds: Range<u64>) -> Row {
             .map_or_else(String::new, |v| v.get_name().into()),
         candidates: case.among.name(),
         until: case.goal.to_string(),
-        actions: mean,
+        actions,
         plus_minus,
-        shape_actions: self::mean(&shape_actions).0,
+        shape_actions: mean(shape_actions).0,
         reached: Proportion::of(runs.iter().map(there)),
         pose: Proportion::of(runs.iter().map(|e| e.as_ref().is_some_and(good))),
         pose_mm: spread(&|e| 1e3 * e.pose_error.0),
         pose_deg: spread(&|e| e.pose_error.1.to_degrees()),
         drift_mm: spread(&|e| 1e3 * e.drift.0),
         drift_deg: spread(&|e| e.drift.1.to_degrees()),
-        honesty: (!honesty.is_empty()).then(|| self::mean(&honesty).0),
+        honesty: (!honesty.is_empty()).then(|| mean(honesty).0),
         failures,
         nothing_left: runs.iter().flatten().filter(|e| e.end == End::NoCandidate).count(),
         repeats: runs.iter().flatten().map(|e| e.repeats as f64).sum::<f64>() / n,
@@ -197,14 +198,6 @@ fn row(case: &Case, seeds: Range<u64>) -> Row {
         learning_ms: learnt.map_or(0.0, |s| s.median),
         seconds: start.elapsed().as_secs_f64(),
     }
-}
-
-/// The mean, and half of its 95 % interval by the normal approximation.
-fn mean(sample: &[f64]) -> (f64, f64) {
-    let n = sample.len().max(1) as f64;
-    let mean = sample.iter().sum::<f64>() / n;
-    let variance = sample.iter().map(|a| (a - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-    (mean, 1.96 * (variance / n).sqrt())
 }
 
 /// One run; `None` where the hand never met the object or what it felt made no surface.
@@ -297,7 +290,7 @@ impl fmt::Display for Table {
         }
         write!(
             f,
-            "  actions: mean and its 95 % interval (normal), runs given up counted as {MOST_ACTIONS}; shape: \
+            "  actions: mean and its 95 % interval (Student), runs given up counted as {MOST_ACTIONS}; shape: \
              actions until the shape alone was known; Wilson intervals\n  \
              until: strict is a standard deviation and a true error of at most 1.8 mm on 90 % of the true \
              surface, lenient 2.5 mm and 3 mm; +pose: and by the explorer's own account the pose within 3 mm \

@@ -324,7 +324,7 @@ impl fmt::Display for MemoryTable {
             "mean mm, all kept",
             "bounded",
             "ratio",
-            "Hausdorff mm, all",
+            "greatest mm, all",
             "bounded",
             "ratio"
         )?;
@@ -347,7 +347,7 @@ impl fmt::Display for MemoryTable {
         writeln!(
             f,
             "  {:<26}{:>8}  {:<19}{:<19}{:<19}{:<19}",
-            "object", "kept", "mean mm", "ratio", "to all kept so", "Hausdorff mm"
+            "object", "kept", "mean mm", "ratio", "to all kept so", "greatest mm"
         )?;
         for row in &self.rows {
             writeln!(

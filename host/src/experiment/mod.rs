@@ -9,6 +9,7 @@ pub mod exploration;
 pub mod figure;
 pub mod graphs;
 pub mod localization;
+mod mean;
 pub mod memory;
 pub mod model;
 pub mod outliers;

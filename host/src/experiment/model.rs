@@ -8,6 +8,7 @@ use crate::shape::{Field, Geometry, contour, nagata, surface};
 use crate::slam::choose::Choice;
 use crate::slam::reconstruct;
 use crate::space::Point;
+use crate::thin::evenly;
 
 /// A way to make a shape of contacts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -202,8 +203,7 @@ fn seek(
     training: Training,
     (search, radius): (Search, f64),
 ) -> Option<Gpis> {
-    let stride = contacts.len().div_ceil(DECIDING);
-    let deciding: Vec<Contact> = contacts.iter().step_by(stride).copied().collect();
+    let deciding = evenly(contacts, DECIDING);
     let found = search.run(dimension, family, prior, training, &deciding, radius).ok()?;
     let contacts: Vec<Contact> = contacts.iter().map(|c| c.with_noise(found.noise)).collect();
     Gpis::fit(dimension, found.kernel, prior, training, &contacts).ok()

@@ -134,8 +134,10 @@ impl consistency::Table {
     /// When the picture cannot be made.
     pub fn picture(&self) -> Result<Drawing, PictureError> {
         let items = self.rows.iter().map(|row| {
-            let mark = mark(row.noise, Interval::from(&row.on_map.within));
-            (row.object.as_str(), row.tracker, Some(mark))
+            // Where no belief has one answer there is nothing to judge.
+            let judged = row.on_map.within.of > 0;
+            let mark = judged.then(|| mark(row.noise, Interval::from(&row.on_map.within)));
+            (row.object.as_str(), row.tracker, mark)
         });
         let up = "last poses within their 95 % band, %, with Wilson's interval";
         let across = "motion noise, % of the full one";
@@ -335,38 +337,53 @@ impl calibration::Table {
 }
 
 impl MemoryTable {
-    /// Distances with all contacts and with the board's memory, and their ratio.
+    /// Distances with all contacts, with the process in a bounded memory and with the board's map, and the ratio of
+    /// the first two.
     ///
     /// # Errors
     /// When the picture cannot be made.
     pub fn picture(&self) -> Result<Drawing, PictureError> {
         let cases: Vec<String> =
             self.rows.iter().map(|r| format!("{}, {} kept", r.object, r.capacity)).collect();
-        let panel = |title: &str, all: fn(&MemoryRow) -> _, bounded: fn(&MemoryRow) -> _| Bars {
+        type Of = fn(&MemoryRow) -> Option<Spread>;
+        let panel = |title: &str, [all, bounded, truncated]: [Of; 3]| Bars {
             title: title.into(),
             along: "distance from the true surface, mm: median and quartiles".into(),
             scale: Scale::Linear,
             cases: cases.clone(),
             series: vec![
                 series("all contacts kept", &self.rows, |r| of(all(r))),
-                series("the board's map", &self.rows, |r| of(bounded(r))),
+                series("the process in as many places as a board has", &self.rows, |r| {
+                    of(bounded(r))
+                }),
+                series("the board's map, with faces", &self.rows, |r| of(truncated(r))),
             ],
             references: Vec::new(),
         };
         let ratio = Bars {
-            title: "The board's map over all contacts".into(),
+            title: "The process in bounded memory over all contacts".into(),
             along: "ratio, seed by seed: median and quartiles".into(),
             scale: Scale::Linear,
             cases: cases.clone(),
             series: vec![
                 series("mean", &self.rows, |r: &MemoryRow| of(r.mean_ratio)),
-                series("Hausdorff", &self.rows, |r: &MemoryRow| of(r.hausdorff_ratio)),
+                series("greatest", &self.rows, |r: &MemoryRow| of(r.hausdorff_ratio)),
             ],
             references: vec![(1.1, "goal: at most".into())],
         };
         let panels = [
-            panel("Mean", |r| r.unlimited_mean_mm, |r| r.bounded_mean_mm),
-            panel("Hausdorff", |r| r.unlimited_hausdorff_mm, |r| r.bounded_hausdorff_mm),
+            panel(
+                "Mean",
+                [|r| r.unlimited_mean_mm, |r| r.bounded_mean_mm, |r| r.truncated_mean_mm],
+            ),
+            panel(
+                "Greatest, from the true surface to the estimated one",
+                [
+                    |r| r.unlimited_hausdorff_mm,
+                    |r| r.bounded_hausdorff_mm,
+                    |r| r.truncated_hausdorff_mm,
+                ],
+            ),
             ratio,
         ];
         let title = format!("Bounded memory: streams of {} contacts", self.stream);

@@ -6,6 +6,7 @@ use std::fmt;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::mean::mean;
 use super::proportion::Proportion;
 use super::with_room;
 use crate::explore::{
@@ -154,15 +155,6 @@ fn row(
         way: (mean(ways.iter().map(|w| w.1)).0, mean(ways.iter().map(|w| w.2)).0),
         choosing_ms: 1e3 * choices.get(choices.len() / 2).copied().unwrap_or(0.0),
     }
-}
-
-/// Mean and half of its 95 % interval.
-fn mean(sample: impl Iterator<Item = f64>) -> (f64, f64) {
-    let all: Vec<f64> = sample.collect();
-    let n = all.len().max(1) as f64;
-    let mean = all.iter().sum::<f64>() / n;
-    let variance = all.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-    (mean, 1.96 * (variance / n).sqrt())
 }
 
 /// Seconds, metres and radians of an exploration.

@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use self::bound::{Bound, Outlook};
+use super::mean::mean;
 use super::proportion::Proportion;
 use super::{Spread, with_room};
 use crate::explore::placement::drawn;
@@ -318,9 +319,8 @@ fn row(object: &Object, reachable: &Reachable, criterion: Criterion, selection: 
             _ => MOST_GRASPS as f64,
         })
         .collect();
-    let n = grasps.len().max(1) as f64;
-    let mean = grasps.iter().sum::<f64>() / n;
-    let variance = grasps.iter().map(|a| (a - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    let n = runs.len().max(1) as f64;
+    let (grasps, plus_minus) = mean(grasps);
     let actions = || runs.iter().flatten().flat_map(|r| &r.episode.actions);
     let count = actions().count().max(1) as f64;
     let choices: Vec<f64> = actions().filter(|a| a.gain.is_some()).map(|a| a.choosing).collect();
@@ -334,8 +334,8 @@ fn row(object: &Object, reachable: &Reachable, criterion: Criterion, selection: 
         object: object.name.clone(),
         reachable: reachable.points.len() as f64 / reachable.of.max(1) as f64,
         criterion: criterion.to_possible_value().map_or_else(String::new, |v| v.get_name().into()),
-        grasps: mean,
-        plus_minus: 1.96 * (variance / n).sqrt(),
+        grasps,
+        plus_minus,
         contacts: actions().map(|a| a.contacts as f64).sum::<f64>() / n,
         reached: Proportion::of(runs.iter().map(reached)),
         pose: Proportion::of(runs.iter().map(|r| r.as_ref().is_some_and(good))),

@@ -2,7 +2,6 @@ use std::sync::Arc;
 
 use nalgebra::Point3;
 
-use super::episode::Error;
 use super::*;
 use crate::graph;
 use crate::quantity::Deviation;
@@ -167,12 +166,13 @@ fn an_arm_that_is_too_short_ends_the_loop_with_what_there_is() {
 }
 
 #[test]
-fn an_object_around_the_hand_is_not_found() {
-    // The flat hand starts inside of it.
+fn an_object_too_large_for_the_hand_is_delimited_and_not_grasped() {
     let mut bench = bench("box:3x3x3");
-    let error = explore(&mut bench, &settings(Candidates::Fixed, 3), |_| ()).unwrap_err();
-    assert!(matches!(error, Error::NotFound(Unreachable::NothingFelt)), "{error}");
-    assert!(bench.log().grasps.is_empty());
+    let episode = explore(&mut bench, &settings(Candidates::Fixed, 3), |_| ()).unwrap();
+    assert_eq!((episode.end, episode.actions.len()), (End::NoCandidate, 1));
+    // Four sides and the top, touched from outside.
+    let felt: Vec<_> = bench.log().grasps[0].contacts.iter().map(|c| c.point).collect();
+    assert!(felt.iter().all(|p| p.z < 1e-2 || p.xy().amax() > 1.4 || p.z > 2.9), "{felt:?}");
 }
 
 #[test]

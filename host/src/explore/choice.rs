@@ -43,6 +43,8 @@ pub(super) struct Choice {
     pub grasps: Vec<(usize, Option<f64>)>,
     /// What every candidate promises for itself; empty where chance decides.
     pub gains: Vec<f64>,
+    /// What of that is about the shape, where the pose's part is no gain that could end.
+    pub of_shape: Option<Vec<f64>>,
 }
 
 impl Choice {
@@ -54,7 +56,7 @@ impl Choice {
         } else if is_advised {
             self.grasps.first()?.1
         } else {
-            self.gains.iter().copied().reduce(f64::max)
+            self.of_shape.as_ref().unwrap_or(&self.gains).iter().copied().reduce(f64::max)
         }
     }
 }
@@ -115,7 +117,7 @@ pub(super) fn choose(
     let draw = |open: &[usize], random: &mut Random| {
         let any = ((random.unit() * open.len() as f64) as usize).min(open.len().saturating_sub(1));
         let grasps = open.get(any).map(|i| (*i, None)).into_iter().collect();
-        Choice { grasps, gains: Vec::new() }
+        Choice { grasps, ..Choice::default() }
     };
     let any: Vec<usize> = (0..candidates.len()).collect();
     let again = |i: &usize, actions: &[Action]| {
@@ -136,11 +138,13 @@ pub(super) fn choose(
     };
     let prediction = foresee(belief, candidates);
     let is_planned = settings.planning.batch > 1 || settings.planning.lookahead;
-    let gains = match (criterion, settings.pose, settings.tracker) {
+    let (gains, of_shape) = match (criterion, settings.pose, settings.tracker) {
         (Criterion::Both, Some(tolerance), Some(_)) if !is_planned => {
-            both(belief, settings.until, candidates, &prediction, &tolerance)
+            let (gains, of_shape) =
+                both(belief, settings.until, candidates, &prediction, &tolerance);
+            (gains, Some(of_shape))
         }
-        _ => criterion.worth_of_order(settings.planning.alpha, belief, &prediction),
+        _ => (criterion.worth_of_order(settings.planning.alpha, belief, &prediction), None),
     };
     let recent = &done[done.len().saturating_sub(REMEMBERED)..];
     let last = done.last().map(|a| &a.placement);
@@ -152,22 +156,25 @@ pub(super) fn choose(
     if chosen.is_empty() {
         chosen = plan(&|_| false);
     }
-    Choice { grasps: chosen.into_iter().map(|(i, gain)| (i, Some(gain))).collect(), gains }
+    let grasps = chosen.into_iter().map(|(i, gain)| (i, Some(gain))).collect();
+    Choice { grasps, gains, of_shape }
 }
 
 /// Information about the shape, and the chance that the grasp leaves the pose within its tolerance: worth
-/// the more the more of the shape the belief takes for known, since the next slip undoes it.
+/// the more the more of the shape the belief takes for known, since the next slip undoes it. Beside the sum the
+/// first alone.
 fn both(
     belief: &Belief,
     until: Until,
     candidates: &[Placement],
     prediction: &Prediction,
     tolerance: &Deviation,
-) -> Vec<f64> {
+) -> (Vec<f64>, Vec<f64>) {
     let worth = LOCALISED * believed_share(belief, until.deviation()).powi(PATIENCE);
     let about_shape = Criterion::Information.worth(belief, prediction);
     let chances = localization::expected(belief, candidates, tolerance);
-    about_shape.iter().zip(chances).map(|(shape, chance)| shape + worth * chance).collect()
+    let gains = about_shape.iter().zip(chances).map(|(shape, chance)| shape + worth * chance);
+    (gains.collect(), about_shape)
 }
 
 /// The pose's deviation by the tracker's own account, which the thesis' switch asks.

@@ -20,6 +20,7 @@ use crate::graph;
 use crate::link::SessionError;
 use crate::log::GraspLog;
 use crate::quantity::Deviation;
+use crate::shape::symmetry::Symmetry;
 use crate::sim::hand::Unreachable;
 use crate::sim::random::Random;
 use crate::sim::{Bench, Hand};
@@ -412,10 +413,11 @@ fn apart(bench: &Bench, steps: &[Step], frame: &Pose) -> (f64, f64) {
     between(bench, &(step.pose * frame), &truth)
 }
 
-/// Between two poses of the object: metres at its centroid, and radians.
+/// Between two poses of the object: metres at its centroid, and radians up to its symmetry.
 fn between(bench: &Bench, a: &Pose, b: &Pose) -> (f64, f64) {
     let centre = Point3::from(bench.geometry().centroid());
-    ((a * centre - b * centre).norm(), a.rotation.angle_to(&b.rotation))
+    let turn = a.rotation.inverse() * b.rotation;
+    ((a * centre - b * centre).norm(), Symmetry::of(bench.geometry()).angle(&turn))
 }
 
 fn repeats(settings: &Settings, actions: &[Action]) -> usize {

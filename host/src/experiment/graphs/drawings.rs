@@ -1,6 +1,6 @@
 //! Figures that explain: nodes and edges, contacts by face, two grasps laid on each other.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
 
 use nalgebra::Point3;
@@ -179,8 +179,8 @@ fn sides_of(geometry: &Geometry, contacts: &[Contact]) -> Vec<usize> {
     contacts.iter().map(|c| one(c).map_or(0, |(p, n)| number(p, n))).collect()
 }
 
-/// Faces with three contacts or more, and the share of contacts whose face belongs to their side, each
-/// side owning the face that most of its contacts are on.
+/// Faces with three contacts or more, and the share of contacts whose face is their side's: sides choose
+/// in turn the face that most of their contacts are on and no other has, those with most first.
 fn agreement(labels: &[Option<usize>], sides: &[usize]) -> (usize, f64) {
     let mut counts: BTreeMap<(usize, usize), usize> = BTreeMap::new();
     let mut sizes: BTreeMap<usize, usize> = BTreeMap::new();
@@ -190,13 +190,18 @@ fn agreement(labels: &[Option<usize>], sides: &[usize]) -> (usize, f64) {
             *sizes.entry(*label).or_default() += 1;
         }
     }
-    let mut most: BTreeMap<usize, usize> = BTreeMap::new();
-    for ((side, _), count) in &counts {
-        let best = most.entry(*side).or_default();
-        *best = (*best).max(*count);
+    let mut pairs: Vec<((usize, usize), usize)> = counts.into_iter().collect();
+    pairs.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
+    let (mut owning, mut owned) = (BTreeSet::new(), BTreeSet::new());
+    let mut own = 0;
+    for ((side, label), count) in pairs {
+        if !owning.contains(&side) && owned.insert(label) {
+            owning.insert(side);
+            own += count;
+        }
     }
     let faces = sizes.values().filter(|c| **c >= 3).count();
-    (faces, most.values().sum::<usize>() as f64 / labels.len().max(1) as f64)
+    (faces, own as f64 / labels.len().max(1) as f64)
 }
 
 /// Two similar grasps at poses that are off, before and after.

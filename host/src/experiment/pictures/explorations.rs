@@ -7,7 +7,7 @@ use crate::view::curves::Scale;
 use crate::view::drawing::{Drawing, PictureError};
 
 impl exploration::Table {
-    /// Actions until the shape is known, and how often the pose is, case by case.
+    /// Actions until what is asked for is known, how often that is and the last pose right, case by case.
     ///
     /// # Errors
     /// When the picture cannot be made.
@@ -15,12 +15,16 @@ impl exploration::Table {
         let cases: Vec<String> = self
             .rows
             .iter()
-            .map(|r| format!("{}: {}, {}, {}", r.object, r.criterion, r.candidates, r.until))
+            .map(|r| {
+                let means = [r.tracker, r.graph].into_iter().flatten();
+                let means: String = means.map(|name| format!(", {name}")).collect();
+                format!("{}: {}, {}, {}{means}", r.object, r.criterion, r.candidates, r.until)
+            })
             .collect();
         let actions = |r: &exploration::Row| mean((r.actions, r.plus_minus));
         let panels = [
             Bars {
-                title: "Actions until the shape is known".into(),
+                title: "Actions until what is asked for is known".into(),
                 along: "actions: mean and its 95 % interval".into(),
                 scale: Scale::Linear,
                 cases: cases.clone(),
@@ -33,7 +37,7 @@ impl exploration::Table {
                 scale: Scale::Linear,
                 cases,
                 series: vec![
-                    series("shape known", &self.rows, |r: &exploration::Row| {
+                    series("known", &self.rows, |r: &exploration::Row| {
                         Some(Interval::from(&r.reached))
                     }),
                     series("last pose right", &self.rows, |r: &exploration::Row| {
@@ -47,8 +51,9 @@ impl exploration::Table {
     }
 }
 
-/// A mean and half of its 95 % interval.
+/// A mean and half of its 95 % interval; one run has none.
 fn mean((value, half): (f64, f64)) -> Option<Interval> {
+    let half = if half.is_finite() { half } else { 0.0 };
     Some(Interval { low: value - half, value, high: value + half })
 }
 

@@ -45,7 +45,7 @@ const LASTS: [f64; 2] = [1.0, 8.0];
 const SETTLES: usize = 20;
 
 /// Seeds that are run at most: an hour has millions of readings.
-const SEEDS: u64 = 4;
+pub const SEEDS: u64 = 4;
 
 /// A part of the hour, all seeds.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{NEAR, SHARE, settings};
+use crate::experiment::mean::mean;
 use crate::experiment::proportion::Proportion;
 use crate::experiment::{Spread, with_room};
 use crate::explore::{Belief, Criterion, Episode, Settings, explore_until};
@@ -168,10 +169,7 @@ fn row(spec: &ObjectSpec, hand: &Hand, criterion: Criterion, seeds: Range<u64>) 
         Some((episode, _)) if episode.reached() => episode.actions.len() as f64,
         _ => MOST_ACTIONS as f64,
     });
-    let counts: Vec<f64> = counts.collect();
-    let n = counts.len().max(1) as f64;
-    let mean = counts.iter().sum::<f64>() / n;
-    let variance = counts.iter().map(|a| (a - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    let (actions, plus_minus) = mean(counts);
     let grasps = || runs.iter().flatten().flat_map(|(e, _)| e.actions.iter().skip(1));
     let choices: Vec<f64> = grasps().filter(|a| a.gain.is_some()).map(|a| a.choosing).collect();
     let contacts: usize = grasps().map(|a| a.contacts).sum();
@@ -179,8 +177,8 @@ fn row(spec: &ObjectSpec, hand: &Hand, criterion: Criterion, seeds: Range<u64>) 
     Row {
         object: spec.to_string(),
         criterion: criterion.to_possible_value().map_or_else(String::new, |v| v.get_name().into()),
-        actions: mean,
-        plus_minus: 1.96 * (variance / n).sqrt(),
+        actions,
+        plus_minus,
         contacts: contacts as f64 / grasps().count().max(1) as f64,
         refused: Proportion::of(grasps().map(|a| a.refused.is_some())),
         reached: Proportion::of(

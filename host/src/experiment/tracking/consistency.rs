@@ -34,9 +34,11 @@ const BANDS: [(f64, f64); 2] = [(0.2158, 9.3484), (1.2373, 14.4494)];
 pub struct Consistency {
     /// Runs within the 95 % band.
     pub within: Proportion,
+    /// Runs that claim to know a direction exactly. They are outside the band, and in no figure below.
+    pub singular: usize,
     /// Of δᵀP⁻¹δ over its degrees of freedom: 0.79 in the plane and 0.89 in space where honest.
     pub per_degree: Option<Spread>,
-    /// Mean of the same, 1 where honest.
+    /// Mean of the same, 1 where honest; NaN of none.
     pub mean: f64,
 }
 
@@ -164,8 +166,9 @@ impl Consistency {
         let finite: Vec<f64> = sample.iter().copied().filter(|e| e.is_finite()).collect();
         Consistency {
             within: Proportion::of(sample.iter().map(|e| (low..=high).contains(e))),
+            singular: sample.len() - finite.len(),
             per_degree: Spread::of(sample.iter().map(|e| e / freedom)),
-            mean: finite.iter().sum::<f64>() / (freedom * finite.len().max(1) as f64),
+            mean: finite.iter().sum::<f64>() / (freedom * finite.len() as f64),
         }
     }
 }
@@ -173,7 +176,7 @@ impl Consistency {
 /// The line above the rows.
 pub fn heading() -> String {
     format!(
-        "  {:<34}{:>6}  {:<16}{:<19}  {:<54}{}\n  {:<76}  {:<19}{:<25}{:<10}{:<19}{:<25}mean",
+        "  {:<34}{:>6}  {:<16}{:<19}  {:<58}{}\n  {:<76}  {:<19}{:<25}{:<14}{:<19}{:<25}mean",
         "object",
         "noise",
         "tracker",
@@ -197,7 +200,13 @@ impl fmt::Display for Row {
         write!(f, "  {object:<34}{noise:>4} %  {tracker:<16}{unimodal:<19}  ")?;
         for c in [&self.since_first, &self.on_map] {
             let spread = c.per_degree.map_or("–".to_owned(), |s| s.to_string());
-            write!(f, "{:<19}{spread:<25}{:<10.2}", c.within.to_string(), c.mean)?;
+            let mean = match (c.per_degree, c.singular) {
+                (None, 0) => "–".to_owned(),
+                (None, singular) => format!("{singular} × ∞"),
+                (Some(_), 0) => format!("{:.2}", c.mean),
+                (Some(_), singular) => format!("{:.2}, {singular} × ∞", c.mean),
+            };
+            write!(f, "{:<19}{spread:<25}{mean:<14}", c.within.to_string())?;
         }
         Ok(())
     }
