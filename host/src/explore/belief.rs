@@ -1,7 +1,8 @@
 //! What is known of the object: a surface with uncertainty, and where it is.
 
-use nalgebra::{Matrix6, Point3, Vector6};
+use nalgebra::{Matrix3, Matrix6, Point3, Vector6};
 
+use super::turning::Turning;
 use crate::log::{GraspLog, LoggedGrasp};
 use crate::reference::{Contact, Gpis};
 use crate::shape::{Field, Geometry};
@@ -146,28 +147,27 @@ impl Field for Certain<'_> {
 /// the other contacts hangs on. The tracker's own covariances also hold how uncertain all of them
 /// together are with respect to the first grasp, which no touch changes and which does not matter for
 /// the shape. A Kalman filter over the poses whose measurements are the contacts' distances and
-/// normals.
-pub fn beside_each_other(log: &GraspLog, steps: &[Step]) -> Vec<Step> {
+/// normals, these as the surface bends that was believed `before`; without any it has faces.
+pub fn beside_each_other(log: &GraspLog, steps: &[Step], before: Option<&Belief>) -> Vec<Step> {
     let moved = motion(log);
     let mut covariance = Matrix6::identity();
     let one = |(index, (grasp, step)): (usize, (&LoggedGrasp, &Step))| {
+        let at = step.pose.inverse();
+        let points: Vec<Point> =
+            grasp.contacts.iter().map(|c| (at * Point3::from(c.point)).coords).collect();
+        let flat = || vec![Matrix3::zeros(); points.len()];
+        let bends = before.map_or_else(flat, |before| before.bends(&points));
         if index > 0 {
             covariance += moved;
         }
-        for contact in &grasp.contacts {
+        for ((contact, p), bend) in grasp.contacts.iter().zip(&points).zip(&bends) {
             let (point, turn) = deviations(contact, &log.noise);
             let Some(normal) = contact.normal else { continue };
-            let at = step.pose.inverse();
             let n = at.rotation * normal;
-            let p = (at * Point3::from(contact.point)).coords;
             let m = p.cross(&n);
             seen(&mut covariance, Vector6::new(n.x, n.y, n.z, m.x, m.y, m.z), point * point);
-            for axis in across(&n, log.dimension) {
-                seen(
-                    &mut covariance,
-                    Vector6::new(0.0, 0.0, 0.0, axis.x, axis.y, axis.z),
-                    turn * turn,
-                );
+            for Turning { row, .. } in Turning::of(log.dimension, p, &n, bend) {
+                seen(&mut covariance, row, turn * turn);
             }
         }
         Step { covariance: only(log.dimension, covariance), ..step.clone() }
@@ -179,18 +179,6 @@ pub fn beside_each_other(log: &GraspLog, steps: &[Step]) -> Vec<Step> {
 fn seen(covariance: &mut Matrix6<f64>, h: Vector6<f64>, variance: f64) {
     let column = *covariance * h;
     *covariance -= column * column.transpose() / (h.dot(&column) + variance);
-}
-
-/// The axes about which a turn moves the normal.
-pub(super) fn across(normal: &Point, dimension: usize) -> Vec<Point> {
-    if dimension == 2 {
-        return vec![Point::z()];
-    }
-    let first = normal.cross(&Point::ith(normal.iamin(), 1.0));
-    match first.try_normalize(1e-9) {
-        Some(first) => vec![first, normal.cross(&first)],
-        None => Vec::new(),
-    }
 }
 
 /// A planar pose has no other covariance than that of x, y and the turn about z.
@@ -221,7 +209,7 @@ mod tests {
     fn poses_on_a_known_shape_are_as_certain_as_what_they_feel() {
         for (object, planar) in [("rectangle:0.1x0.06", true), ("box:0.1x0.06x0.08", false)] {
             let log = simulate(&Options::new(object.parse().unwrap())).unwrap().log;
-            let steps = beside_each_other(&log, &track::truth(&log).unwrap());
+            let steps = beside_each_other(&log, &track::truth(&log).unwrap(), None);
             for (k, step) in steps.iter().enumerate() {
                 let turn = step.covariance[(5, 5)].sqrt();
                 // A grasp that feels top and bottom leaves the turn about z to the motion noise.

@@ -6,6 +6,7 @@ use super::belief::Belief;
 use super::geodesic::Paths;
 use super::pose_gain::{self, PoseMeasure};
 use super::prediction::{Expected, Prediction};
+use super::turning::Turning;
 use crate::reference::Contact;
 use crate::space::Point;
 
@@ -207,27 +208,36 @@ pub(super) fn pose_information(
     contacts: &[Expected],
     surface: &DMatrix<f64>,
 ) -> Matrix6<f64> {
-    let (point, normal) = belief.noise;
+    let (point, _) = belief.noise;
     let mut information = Matrix6::zeros();
     for (e, v) in contacts.iter().zip(surface.diagonal().iter()) {
         let h = row(e);
         information += h * h.transpose() * (e.chance / (point * point + v.max(0.0)));
-        // The normal turns with the object about every axis but itself.
-        let mut turns = Matrix6::zeros();
-        let across = nalgebra::Matrix3::identity() - e.normal * e.normal.transpose();
-        turns.fixed_view_mut::<3, 3>(3, 3).copy_from(&across);
-        information += turns * (e.chance / (normal * normal));
+    }
+    information + normals_see(belief, contacts)
+}
+
+/// What the contacts' normals say about the pose, each as likely as its chance: [`Turning`].
+pub(super) fn normals_see(belief: &Belief, contacts: &[Expected]) -> Matrix6<f64> {
+    let points: Vec<Point> = contacts.iter().map(|e| e.point).collect();
+    let mut information = Matrix6::zeros();
+    for (e, bend) in contacts.iter().zip(belief.bends(&points)) {
+        let weight = e.chance / belief.noise.1.powi(2);
+        for Turning { row, .. } in Turning::of(belief.dimension, &e.point, &e.normal, &bend) {
+            information += row * row.transpose() * weight;
+        }
     }
     information
 }
 
 /// A square root of a covariance that may be singular.
 pub(super) fn root(covariance: &Matrix6<f64>) -> Option<Matrix6<f64>> {
+    // The decomposition of what is not finite need not end.
+    if !covariance.iter().all(|v| v.is_finite()) {
+        return None;
+    }
     let eigen = covariance.symmetric_eigen();
-    let finite = eigen.eigenvalues.iter().all(|v| v.is_finite());
-    finite.then(|| {
-        eigen.eigenvectors * Matrix6::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()))
-    })
+    Some(eigen.eigenvectors * Matrix6::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt())))
 }
 
 /// Σ over the contacts of each grasp of Ψ₁Ψ₂Ψ₃Ψ₄ (4.11–4.15). The current contact is the one felt

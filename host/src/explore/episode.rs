@@ -345,7 +345,7 @@ fn believed(
     let mut belief = match (settings.tracker, before) {
         (None, Some(before)) => before.after(log, steps)?,
         (None, None) => Belief::new(log, steps)?,
-        (Some(_), _) => Belief::new(log, &beside_each_other(log, steps))?,
+        (Some(_), before) => Belief::new(log, &beside_each_other(log, steps, before))?,
     };
     (belief.hand, belief.table) = (bench.hand().clone(), bench.table());
     Ok(belief)

@@ -4,12 +4,13 @@
 //! An object that slips at every grasp is nowhere known better than by the last one. Whoever needs its
 //! pose in the end needs a last grasp that feels all of it, which the shape alone never asks for.
 
-use nalgebra::{DMatrix, Matrix6, Point3, Vector6};
+use nalgebra::{DMatrix, Matrix3, Matrix6, Point3, Vector6};
 
 use super::belief::Belief;
 use super::criterion::{root, row};
 use super::placement::Placement;
 use super::prediction::{Expected, predict};
+use super::turning::Turning;
 use crate::graph::joint::tangent::{local, retract};
 use crate::log::GraspLog;
 use crate::quantity::Deviation;
@@ -88,34 +89,35 @@ fn after(belief: &Belief, grasps: &[Vec<Expected>]) -> Vec<Matrix6<f64>> {
     let groups: Vec<Vec<Point>> =
         grasps.iter().map(|g| g.iter().map(|e| e.point).collect()).collect();
     let joint = belief.surface.joint_each(&groups);
-    let slopes = belief.surface.gradient_variances(&groups.concat());
-    let mut slopes = &slopes[..];
+    let all = groups.concat();
+    let slopes = belief.surface.gradient_variances(&all);
+    let faces: Vec<(f64, Matrix3<f64>)> = slopes.into_iter().zip(belief.bends(&all)).collect();
+    let mut faces = &faces[..];
     let one = |(contacts, shape): (&Vec<Expected>, DMatrix<f64>)| {
-        let (own, others) = slopes.split_at(contacts.len());
-        slopes = others;
+        let (own, others) = faces.split_at(contacts.len());
+        faces = others;
         update(belief, contacts, &shape, own)
     };
     grasps.iter().zip(joint).map(one).collect()
 }
 
+/// Where each contact's direction has this variance, and its surface bends so.
 fn update(
     belief: &Belief,
     contacts: &[Expected],
     shape: &DMatrix<f64>,
-    slopes: &[f64],
+    faces: &[(f64, Matrix3<f64>)],
 ) -> Matrix6<f64> {
     let prior = belief.covariance;
     let (point, normal) = belief.noise;
-    let axes = contacts.iter().enumerate().flat_map(|(i, e)| {
-        super::belief::across(&e.normal, belief.dimension).into_iter().map(move |axis| (i, axis))
+    let turnings = contacts.iter().zip(faces).enumerate().flat_map(|(i, (e, (_, bend)))| {
+        let all = Turning::of(belief.dimension, &e.point, &e.normal, bend);
+        all.into_iter().map(move |turning| (i, turning))
     });
-    let turns: Vec<(usize, Point)> = axes.collect();
+    let turns: Vec<(usize, Turning)> = turnings.collect();
     let n = contacts.len();
-    let rows: Vec<Vector6<f64>> = contacts
-        .iter()
-        .map(row)
-        .chain(turns.iter().map(|(_, a)| Vector6::new(0.0, 0.0, 0.0, a.x, a.y, a.z)))
-        .collect();
+    let rows: Vec<Vector6<f64>> =
+        contacts.iter().map(row).chain(turns.iter().map(|(_, turning)| turning.row)).collect();
     let size = rows.len();
     if size == 0 {
         return prior;
@@ -128,9 +130,11 @@ fn update(
             (true, true) => shape[(a, b)] + if a == b { point * point * seldom(a) } else { 0.0 },
             (false, false) => {
                 // What is wrong with the direction of a face is wrong for all contacts on it.
-                let ((i, u), (j, v)) = (turns[a - n], turns[b - n]);
-                let alike = contacts[i].normal.dot(&contacts[j].normal).powi(2) * u.dot(&v);
-                let common = (slopes[i] * slopes[j]).max(0.0).sqrt() * alike;
+                let ((i, u), (j, v)) = (&turns[a - n], &turns[b - n]);
+                let (i, j) = (*i, *j);
+                let alike =
+                    contacts[i].normal.dot(&contacts[j].normal).powi(2) * u.axis.dot(&v.axis);
+                let common = (faces[i].0 * faces[j].0).max(0.0).sqrt() * alike;
                 common + if a == b { normal * normal * seldom(i) } else { 0.0 }
             }
             _ => 0.0,
@@ -192,7 +196,7 @@ mod tests {
         let motion_noise = Deviation { length: 5e-3, angle: 0.1745 };
         let options = Options { grasps: Some(grasps), motion_noise, ..Options::new(spec) };
         let log = simulate(&options).unwrap().log;
-        Belief::new(&log, &beside_each_other(&log, &track::truth(&log).unwrap())).unwrap()
+        Belief::new(&log, &beside_each_other(&log, &track::truth(&log).unwrap(), None)).unwrap()
     }
 
     fn at(point: [f64; 2], normal: [f64; 2]) -> Expected {
@@ -224,6 +228,30 @@ mod tests {
         assert!(along < 1.5e-3 && closed > open + 0.2, "{along} {closed}");
         let (_, nothing) = chance(&Vec::new());
         assert!(nothing < 0.2, "{nothing}");
+    }
+
+    #[test]
+    fn no_touch_tells_how_a_round_object_is_turned() {
+        let left = |object: &str, felt: Vec<Expected>| {
+            let options = Options { grasps: Some(10), ..Options::new(object.parse().unwrap()) };
+            let log = simulate(&options).unwrap().log;
+            let steps = track::truth(&log).unwrap();
+            let before = Belief::new(&log, &steps).unwrap();
+            let steps = beside_each_other(&log, &steps, Some(&before));
+            let belief = Belief::new(&log, &steps).unwrap();
+            let [covariance] = after(&belief, &[felt])[..] else { panic!() };
+            covariance[(5, 5)].sqrt() / belief.covariance[(5, 5)].sqrt()
+        };
+        // Of what was unknown of the turn before, a touch all around leaves nearly all, or a part.
+        let around = (0..8).map(|k| {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(k) / 8.0).sin_cos();
+            at([0.04 * cos, 0.04 * sin], [cos, sin])
+        });
+        let sides = [[0.04, 0.01], [-0.04, 0.02], [0.04, -0.02], [-0.04, 0.0]];
+        let sides = sides.map(|p| at(p, [p[0] / 0.04, 0.0]));
+        let round = left("ellipse:0.08x0.08", around.collect());
+        let square = left("rectangle:0.08x0.08", sides.to_vec());
+        assert!(round > 0.8 && square < 0.5, "{round} {square}");
     }
 
     #[test]

@@ -32,6 +32,7 @@ pub mod pose_gain;
 mod poses;
 pub mod prediction;
 pub mod swept;
+mod turning;
 
 pub use adviser::{Adviser, Board};
 pub use areas::NextArea;

@@ -2,15 +2,14 @@
 //! holds possible is taken for the true one in turn, the contacts it would give are weighed under all
 //! of them, and the posterior is compared with the prior (thesis 4.5.2.2).
 
-use nalgebra::{Matrix3, Matrix6, Vector6};
+use nalgebra::{Matrix6, Vector6};
 
 use super::belief::Belief;
-use super::criterion::{root, row};
+use super::criterion::{normals_see, root, row};
 use super::entropy::{divergence, renyi, shannon};
 use super::prediction::Prediction;
 use crate::graph::joint::tangent::{local, retract};
 use crate::sim::random::Random;
-use crate::space::Point;
 
 /// Poses drawn from the belief, and how many of them are taken for the true one.
 const POSES: usize = 64;
@@ -49,9 +48,7 @@ pub fn gains(belief: &Belief, prediction: &Prediction, measure: PoseMeasure) -> 
             if rows.is_empty() {
                 return 0.0;
             }
-            let normals = contacts.iter().map(|e| (e.normal, e.chance));
-            let turns = normals_see(normals, belief.noise.1);
-            expected_gain(&draws, &rows, &turns, measure, radius)
+            expected_gain(&draws, &rows, &normals_see(belief, contacts), measure, radius)
         })
         .collect()
 }
@@ -80,17 +77,10 @@ fn draws(belief: &Belief) -> Vec<Vector6<f64>> {
         .collect()
 }
 
-/// What unit normals with this deviation, radians, say about a turn, each as likely as its chance: nothing
-/// about one about itself.
-fn normals_see(normals: impl Iterator<Item = (Point, f64)>, deviation: f64) -> Matrix3<f64> {
-    let across = |(n, chance): (Point, f64)| (Matrix3::identity() - n * n.transpose()) * chance;
-    normals.map(across).sum::<Matrix3<f64>>() / (deviation * deviation)
-}
-
 fn expected_gain(
     draws: &[Vector6<f64>],
     rows: &[(Vector6<f64>, f64)],
-    turns: &Matrix3<f64>,
+    normals: &Matrix6<f64>,
     measure: PoseMeasure,
     radius: f64,
 ) -> f64 {
@@ -108,8 +98,8 @@ fn expected_gain(
                 let distances: f64 = (0..rows.len())
                     .map(|i| rows[i].1 * (seen[k][i] - seen[truth][i]).powi(2))
                     .sum();
-                let turned = (draws[k] - draws[truth]).fixed_rows::<3>(3).into_owned();
-                (-0.5 * (distances + turned.dot(&(turns * turned)))).exp()
+                let apart = draws[k] - draws[truth];
+                (-0.5 * (distances + apart.dot(&(normals * apart)))).exp()
             })
             .collect();
         let total: f64 = weights.iter().sum();
@@ -157,10 +147,12 @@ fn log_deviation(draws: &[Vector6<f64>], weights: &[f64], radius: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::ArrayStorage;
+
     use super::*;
 
     /// Contacts without normals.
-    const UNSEEN: Matrix3<f64> = Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    const UNSEEN: Matrix6<f64> = Matrix6::from_array_storage(ArrayStorage([[0.0; 6]; 6]));
 
     #[test]
     fn normals_say_nothing_of_a_turn_about_themselves() {
@@ -168,13 +160,17 @@ mod tests {
             (0..16).map(|k| Vector6::ith(axis, 0.1 * (k as f64 - 7.5))).collect()
         };
         let rows = [(Vector6::ith(2, 1.0), 1e6)];
-        let gain = |axis: usize, turns: &Matrix3<f64>| {
-            expected_gain(&turned(axis), &rows, turns, PoseMeasure::Shannon, 0.05)
+        let gain = |axis: usize, normals: &Matrix6<f64>| {
+            expected_gain(&turned(axis), &rows, normals, PoseMeasure::Shannon, 0.05)
         };
-        let flat = normals_see([(Point::z(), 1.0); 5].into_iter(), 0.09);
+        let seen = |axes: [f64; 3], weight: f64| {
+            let [x, y, z] = axes;
+            Matrix6::from_diagonal(&(Vector6::new(0.0, 0.0, 0.0, x, y, z) * weight))
+        };
+        let flat = seen([1.0, 1.0, 0.0], 5.0 / 0.09f64.powi(2));
         assert!(gain(3, &flat) > 0.5 && gain(5, &flat).abs() < 1e-9);
-        // In the plane every normal sees the one turn there is; unlikely contacts see less.
-        let planar = |chance| normals_see([(Point::x(), chance)].into_iter(), 0.3);
+        // In the plane a face's normals see the one turn there is; unlikely contacts see less.
+        let planar = |chance: f64| seen([0.0, 0.0, 1.0], chance / 0.3f64.powi(2));
         let [sure, unsure] = [1.0, 0.1].map(|chance| gain(5, &planar(chance)));
         assert!(sure > 1.5 * unsure && unsure > 0.0, "{sure} {unsure}");
     }

@@ -62,6 +62,11 @@ struct Doubt {
     length: f64,
 }
 
+/// Variance of a turn from which on nothing is known of it, rad²; and how many times as large as the least a
+/// variance may be in a sum.
+const UNTURNED: f64 = 10.0;
+const DROWNS: f64 = 1e9;
+
 impl<G> Chain<G> {
     fn new<const D: usize, const N: usize>(
         graph: &PoseGraph<G, D>,
@@ -86,9 +91,16 @@ impl<G> Chain<G> {
             rotation: Vec::with_capacity(count),
             length: Vec::with_capacity(count),
         };
+        let least = steps.iter().flatten().map(|(edge, _)| doubt(edge).translation);
+        let least = least.fold(f64::INFINITY, f64::min);
+        // A step that says next to nothing would drown all others in the sums.
+        let says = |edge: &Edge<G, D>| {
+            let Doubt { translation, rotation, .. } = doubt(edge);
+            rotation < UNTURNED && translation <= DROWNS * least && translation.is_finite()
+        };
         let mut at = (G::identity(), 0, 0.0, 0.0, 0.0);
         for step in steps {
-            match step {
+            match step.filter(|(edge, _)| says(edge)) {
                 Some((edge, forward)) => {
                     let step = if forward { edge.measured } else { edge.measured.inverse() };
                     let doubt = doubt(edge);
@@ -426,6 +438,19 @@ mod tests {
         let mates: Vec<Vec<usize>> =
             vec![vec![1], vec![0], vec![3], vec![2], vec![5, 6], vec![4, 6], vec![4, 5]];
         assert_eq!(found.mates, mates);
+    }
+
+    #[test]
+    fn a_step_that_says_nothing_takes_no_support_from_those_after_it() {
+        let closures = [(30, 30, 0.0), (31, 31, 0.0), (50, 50, 0.0), (51, 51, 0.0)];
+        let chance = Chance::new::<3, 2>(15.0);
+        let unturned = nalgebra::Matrix3::from_diagonal(&nalgebra::Vector3::new(1e4, 1e4, 0.0));
+        for weak in [nalgebra::Matrix3::identity() * 1e-12, unturned] {
+            let (mut graph, trusted) = rounds(&closures);
+            graph.edges[5].information = weak;
+            let found = supported(&graph, &ranks(&graph), &trusted, &chance);
+            assert_eq!(found.edges[2 * STEPS - 1..], [true; 4]);
+        }
     }
 
     #[test]
