@@ -1,6 +1,8 @@
 //! The whole way from a sensor's words to a pose: words over the link, an emulated chip behind the
 //! board's driver, its estimator, contacts, grasp, tracker; on a virtual board and in QEMU.
 
+use std::cell::Cell;
+use std::io;
 use std::time::Duration;
 
 use nalgebra::{Rotation3, Translation3, UnitQuaternion};
@@ -299,6 +301,51 @@ fn refuses<L: Link>(link: L) {
 #[test]
 fn what_cannot_be_is_refused_by_a_virtual_board() {
     refuses(virtual_board::start_sensing());
+}
+
+/// A line that flips a bit of the next frame from the board when it is told to.
+struct Flips<'a> {
+    line: Box<dyn Link>,
+    next: &'a Cell<bool>,
+}
+
+impl Link for Flips<'_> {
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.line.send(bytes)
+    }
+
+    fn receive(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        let count = self.line.receive(bytes, timeout)?;
+        // Neither a mark between frames nor one that becomes such.
+        if let Some(byte) = bytes[..count].iter_mut().find(|byte| **byte > 1)
+            && self.next.replace(false)
+        {
+            *byte ^= 1;
+        }
+        Ok(count)
+    }
+}
+
+/// A damaged frame costs time and nothing else, even where nothing tells that it is missing: the contact that
+/// answers words, and what was felt of a grasp.
+#[test]
+fn what_was_felt_is_heard_whatever_frame_is_damaged() {
+    let next = Cell::new(false);
+    let line: Box<dyn Link> = Box::new(virtual_board::start_sensing());
+    let mut session = ready(Flips { line, next: &next });
+    let words = biased(gauge_words(&(Point::x() * RADIUS), &(Point::x() * -2.0)));
+    for finger in [0, 1] {
+        session.place_fingertip(finger, &Spatial::pose(&Pose::identity())).unwrap();
+        let time = Clock(1_000_000);
+        next.set(true);
+        let frame = WordsFrame { finger, time, repeats: 0, words, fault: Fault::None };
+        let felt = session.show(frame).unwrap().expect("a contact");
+        assert_eq!((felt.contact.finger, next.get()), (finger, false));
+    }
+    next.set(true);
+    let outcome = session.grasp(None, &[], &[]).unwrap();
+    assert_eq!((outcome.felt.len(), outcome.estimate.contacts), (2, 2));
+    assert_eq!((session.repeated(), session.received().damaged()), (3, 3));
 }
 
 /// A second of all five fingers at a thousand samples each, streamed at 200 Hz.

@@ -29,7 +29,7 @@ use crate::shape::Geometry;
 use crate::sim::hand::Articulated;
 use crate::sim::{Bench, Hand, ObjectError, ObjectSpec, Options};
 use crate::slam::choose::Choice;
-use crate::slam::output::{self, Outcome, Provenance, check_folder, conclude};
+use crate::slam::output::{self, Correction, Outcome, Provenance, check_folder, conclude};
 use crate::slam::trackers::Kind;
 use crate::space::Bridge;
 
@@ -365,8 +365,14 @@ fn finish(
         title: &log.description,
         tracker: settings.tracker.map_or("known poses", Kind::name),
         surface: Choice::Auto,
-        tracking_seconds: 0.0,
-        graph: None,
+        tracking_seconds: episode.tracking,
+        graph: settings.tracker.filter(|_| settings.graph != graph::Kind::None).map(|_| {
+            Correction {
+                seconds: episode.correcting,
+                relative: episode.corrected.as_ref().map(|c| &c.relative[..]),
+                faces: episode.corrected.as_ref().and_then(|c| c.faces.as_ref()),
+            }
+        }),
         progress: &|done, all| progress.at(done, all),
     };
     let truth: Option<&Geometry> = Some(bench.geometry());

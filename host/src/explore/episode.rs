@@ -16,7 +16,7 @@ use super::localization;
 use super::placement::{Placement, drawn, fixed};
 use super::planning::Planning;
 use super::poses::{Poses, is_lost};
-use crate::graph;
+use crate::graph::{self, Corrected};
 use crate::link::SessionError;
 use crate::log::GraspLog;
 use crate::quantity::Deviation;
@@ -131,6 +131,12 @@ pub struct Episode {
     pub end: End,
     /// The poses in the end.
     pub steps: Vec<Step>,
+    /// What the graph made of them, to make a shape of; `None` where the tracker's stand.
+    pub corrected: Option<Corrected>,
+    /// What tracker and graph have taken in all, seconds.
+    pub tracking: f64,
+    /// See `tracking`.
+    pub correcting: f64,
     /// Error of the last pose, metres at the object's centroid and radians, in the frame in which all
     /// contacts lie best on the true surface.
     pub pose_error: (f64, f64),
@@ -282,6 +288,9 @@ fn run(
                 honesty: honesty(&belief, bench.geometry(), &truth),
                 repeats: repeats(settings, &actions),
                 lost: steps.iter().filter(|s| s.status == Status::Lost).count(),
+                corrected: poses.corrected.clone(),
+                tracking: poses.tracking,
+                correcting: poses.correcting,
                 actions,
                 end,
                 steps,

@@ -1,9 +1,11 @@
 //! The poses of all grasps while an object is explored: the tracker's, corrected by a graph.
 
+use std::time::Instant;
+
 use tactile_core::track::Status;
 
-use crate::graph::Kind;
 use crate::graph::joint::{self, Effort};
+use crate::graph::{Corrected, Kind};
 use crate::log::GraspLog;
 use crate::slam::track::{Follower, Step};
 use crate::space::Pose;
@@ -27,12 +29,19 @@ pub(super) struct Poses {
     tracker: Option<Follower>,
     graph: Kind,
     taken: usize,
+    /// What the graph made of all grasps taken; `None` where the tracker's poses stand.
+    pub corrected: Option<Corrected>,
+    /// What tracker and graph have taken, seconds.
+    pub tracking: f64,
+    /// See `tracking`.
+    pub correcting: f64,
 }
 
 impl Poses {
     pub fn new(log: &GraspLog, settings: &Settings) -> Poses {
         let tracker = settings.tracker.map(|kind| kind.start(log, settings.seed));
-        Poses { tracker, graph: settings.graph, taken: 0 }
+        let (graph, corrected) = (settings.graph, None);
+        Poses { tracker, graph, taken: 0, corrected, tracking: 0.0, correcting: 0.0 }
     }
 
     /// Takes the grasps that are new in the log.
@@ -40,13 +49,18 @@ impl Poses {
         let Some(tracker) = &mut self.tracker else {
             return vec![Step::certain(Pose::identity()); log.grasps.len()];
         };
+        let begun = Instant::now();
         for grasp in log.grasps.iter().skip(self.taken) {
             tracker.take(grasp, &log.noise);
         }
         self.taken = log.grasps.len();
         let steps = tracker.steps();
-        match corrected(self.graph, log, &steps) {
-            Some(corrected) => with_modes(corrected, &steps),
+        self.tracking += begun.elapsed().as_secs_f64();
+        let begun = Instant::now();
+        self.corrected = corrected(self.graph, log, &steps);
+        self.correcting += begun.elapsed().as_secs_f64();
+        match &self.corrected {
+            Some(corrected) => with_modes(&corrected.steps, &steps),
             None => steps,
         }
     }
@@ -56,27 +70,27 @@ impl Poses {
 /// are enough grasps to tell one set of faces from another ([`joint::correct`]); of fewer, what the
 /// tracker's own faces, parallel and square ones among them, say about all poses together is better than
 /// what a filter made of one grasp after the other.
-fn corrected(graph: Kind, log: &GraspLog, steps: &[Step]) -> Option<Vec<Step>> {
+fn corrected(graph: Kind, log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
     if let Some(corrected) = graph.correct(log, steps) {
-        return Some(corrected.steps);
+        return Some(corrected);
     }
     if graph != Kind::Planes || steps.len() < FEWEST {
         return None;
     }
     let settled = joint::planes(log, &[steps], SETTLED)?;
     let flat = settled.explained() >= EXPLAINED && settled.per_degree <= FLAT;
-    flat.then_some(settled.steps)
+    flat.then(|| Corrected::jointly(log, settled))
 }
 
 /// The other poses that the tracker holds possible stay where they are beside its best one.
-fn with_modes(corrected: Vec<Step>, steps: &[Step]) -> Vec<Step> {
-    let moved = |(corrected, step): (Step, &Step)| {
+fn with_modes(corrected: &[Step], steps: &[Step]) -> Vec<Step> {
+    let moved = |(corrected, step): (&Step, &Step)| {
         let back = step.pose.inverse();
         let modes =
             step.modes.iter().map(|(mode, weight)| (corrected.pose * (back * mode), *weight));
-        Step { modes: modes.collect(), ..corrected }
+        Step { modes: modes.collect(), ..corrected.clone() }
     };
-    corrected.into_iter().zip(steps).map(moved).collect()
+    corrected.iter().zip(steps).map(moved).collect()
 }
 
 /// Whether the tracker could not explain the last grasp.
@@ -117,7 +131,7 @@ mod tests {
                     let simulation = simulation("rectangle:0.1x0.06", 5, seed);
                     let log = &simulation.log;
                     let steps = trackers::Kind::Hypotheses.follow(log, seed);
-                    turned(&simulation, &corrected(graph, log, &steps).unwrap_or(steps))
+                    turned(&simulation, &corrected(graph, log, &steps).map_or(steps, |c| c.steps))
                 })
                 .collect();
             errors.sort_by(f64::total_cmp);
@@ -155,7 +169,7 @@ mod tests {
             modes: vec![(at(0.1, 0.2), 0.7), (at(0.1, 0.5), 0.3)],
             ..Step::certain(at(0.1, 0.2))
         };
-        let moved = with_modes(vec![Step { pose: at(0.2, 1.0), ..step.clone() }], &[step]);
+        let moved = with_modes(&[Step { pose: at(0.2, 1.0), ..step.clone() }], &[step]);
         let [(best, _), (other, weight)] = moved[0].modes[..] else { panic!() };
         assert!((best.translation.vector.x - 0.2).abs() < 1e-12);
         assert!((other.rotation.angle() - 1.3).abs() < 1e-12 && weight == 0.3);

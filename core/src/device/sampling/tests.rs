@@ -109,6 +109,16 @@ fn one_that_is_stuck_is_noticed_without_waiting() {
 }
 
 #[test]
+fn one_that_says_nothing_but_noise_is_started_again() {
+    let crc = DriverError::Crc { computed: 1, received: 2 };
+    let mut sensor = watched([], [Err(crc), Err(crc), Err(crc), Ok(Some(7))]);
+    assert_eq!((sensor.poll(0), sensor.poll(49_999)), (Err(crc), Err(crc)));
+    assert_eq!(sensor.poll(50_000), Err(DriverError::Timeout));
+    assert_eq!(sensor.poll(150_000), Ok(Some((150_000, 7))));
+    assert_eq!(sensor.sensor.started, 2);
+}
+
+#[test]
 fn one_that_nobody_asked_is_not_late() {
     let mut sensor = watched([], [Ok(Some(1)), Ok(None), Ok(Some(2))]);
     assert_eq!(sensor.poll(0), Ok(Some((0, 1))));

@@ -80,6 +80,23 @@ proptest! {
         prop_assert!((probe.gradient - Vector([dx, dy])).norm() < 0.02);
     }
 
+    /// Beside contacts too, where only the bend is smoothed.
+    #[test]
+    fn sensing_is_probing(
+        x in -0.06f32..0.06, y in -0.06f32..0.06, aside in 0.0f32..0.003, count in 1usize..12,
+    ) {
+        let contacts = circle(count, 0.03);
+        let map = learnt(MATERN, Training::Normals, &contacts);
+        for p in [Vector([x, y]), contacts[0].point + Vector([aside, -aside])] {
+            let (probe, (sensed, _)) = (map.probe(p), Revisable::sense(&map, p));
+            prop_assert!((probe.value - sensed.value).abs() < 1e-6, "{probe:?} {sensed:?}");
+            prop_assert!((probe.gradient - sensed.gradient).norm() < 0.02, "{probe:?} {sensed:?}");
+            let close = |a: f32, b: f32| (a - b).abs() < 1e-4 * a.max(b) + 1e-9;
+            prop_assert!(close(probe.variance, sensed.variance), "{probe:?} {sensed:?}");
+            prop_assert!((probe.slope_variance / sensed.slope_variance - 1.0).abs() < 0.2);
+        }
+    }
+
     #[test]
     fn bound_is_a_bound(x in -0.08f32..0.08, y in -0.08f32..0.08, count in 1usize..12) {
         let map = learnt(MATERN, Training::Normals, &circle(count, 0.03));

@@ -213,6 +213,22 @@ fn a_lost_object_leaves_the_map_alone_and_is_found_again() {
 }
 
 #[test]
+fn two_fingers_find_a_lost_object_again_and_one_does_not() {
+    let (polygon, lost, elsewhere) = known_quadrilateral();
+    let rest = Some(&PlanarPose::IDENTITY);
+    for fingers in [1, 2] {
+        let (mut tracker, mut random) = (lost.clone(), Random::new(1));
+        let mut grasp = |k: usize| polygon.grasp(&elsewhere, k, &mut random);
+        assert_eq!(tracker.update(rest, view(&grasp(0))).status, Status::Lost);
+        let found = (1..12).any(|k| {
+            let status = tracker.update(rest, view(&grasp(k)[..fingers])).status;
+            matches!(status, Status::Tracking | Status::Ambiguous)
+        });
+        assert_eq!(found, fingers == 2);
+    }
+}
+
+#[test]
 fn a_finger_inside_a_whole_map_is_evidence() {
     // A square seen from two opposite sides may slide along them; a finger that met nothing says how
     // far.
