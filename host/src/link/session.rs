@@ -25,12 +25,14 @@ use super::lesson::Lesson;
 
 mod log;
 mod outcome;
+mod patience;
 mod sensed;
 #[cfg(test)]
 mod tests;
 
 pub use log::settings_for;
 pub use outcome::{FeltContact, GraspOutcome, LogOutcome, steps};
+pub use patience::Patience;
 pub use sensed::SensedError;
 
 /// Bytes of a board's longest answer.
@@ -38,33 +40,6 @@ const ANSWER: usize = 4 * MAX_FRAME;
 
 /// Contacts kept for [`Session::contacts`] at most, the latest: five minutes of five fingers at 200 Hz.
 const KEPT: usize = 300_000;
-
-/// How many times as long as the longest before a commit may take until it is sent again.
-const LONGER: u32 = 4;
-
-/// How long to wait before a command is sent again, and how often.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Patience {
-    /// For the reply to the greeting, which a board that only begins to listen does not hear.
-    pub greeting: Duration,
-    /// For a reply to anything but a commit.
-    pub reply: Duration,
-    /// For the reply to a commit or a choice, before which the board computes.
-    pub update: Duration,
-    /// Times a command is sent in all.
-    pub attempts: u32,
-}
-
-impl Default for Patience {
-    fn default() -> Self {
-        Patience {
-            greeting: Duration::from_millis(500),
-            reply: Duration::from_millis(500),
-            update: Duration::from_secs(20),
-            attempts: 10,
-        }
-    }
-}
 
 /// Why a conversation ended.
 #[derive(Debug, thiserror::Error)]
@@ -492,7 +467,6 @@ impl<S: WireSpace, L: Link> Session<S, L> {
         // What the board has of a damaged frame ends here.
         again.push(0);
         again.extend_from_slice(wire);
-        let wait = self.wait(&command);
         // Nothing else tells that what was felt is missing from an answer.
         let may_hold_contacts = matches!(command, Command::Commit | Command::Words(_));
         let mut answer = Answer::default();
@@ -501,9 +475,7 @@ impl<S: WireSpace, L: Link> Session<S, L> {
             // The first greeting may also find a board with half a frame.
             let first = attempt == 0 && !matches!(command, Command::Hello { .. });
             self.link.send(if first { wire } else { &again })?;
-            // Where a board takes longer than it ever did, it gets the time.
-            let wait = (wait * (1 << attempt.min(8))).min(wait.max(self.patience.update));
-            let deadline = Instant::now() + wait;
+            let deadline = Instant::now() + self.patience.wait(&command, attempt, self.longest);
             // What came with an answer that was cut short comes again.
             answer.felt.clear();
             let (sent, damaged) = (Instant::now(), self.decoder.counters().damaged());
@@ -527,20 +499,6 @@ impl<S: WireSpace, L: Link> Session<S, L> {
                 counters.damaged()
             ),
         })
-    }
-
-    /// How long the answer to a command is waited for at first. What a commit takes changes little from one to
-    /// the next; where it does, the board hears the same command again and answers it once more.
-    fn wait(&self, command: &Command<S>) -> Duration {
-        let Patience { greeting, reply, update, .. } = self.patience;
-        match command {
-            Command::Hello { .. } => greeting,
-            Command::Commit if !self.longest.is_zero() => {
-                (LONGER * self.longest).max(reply).min(update)
-            }
-            Command::Commit | Command::Query(Topic::BestCandidate(_)) => update,
-            _ => reply,
-        }
     }
 
     /// Collects reports until the reply to `sequence`, if any: true. False when the time is over; what
