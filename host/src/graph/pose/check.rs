@@ -95,7 +95,7 @@ impl<G: Group<D>, const D: usize> Edge<G, D> {
 fn information<const D: usize>(omega: &SMatrix<f64, D, D>) -> Result<(), &'static str> {
     for i in 0..D {
         for j in 0..i {
-            let own = (omega[(i, i)] * omega[(j, j)]).abs().sqrt();
+            let own = omega[(i, i)].abs().sqrt() * omega[(j, j)].abs().sqrt();
             let scale = own.max(omega[(i, j)].abs()).max(omega[(j, i)].abs());
             if (omega[(i, j)] - omega[(j, i)]).abs() > 1e-9 * scale {
                 return Err("not symmetric");

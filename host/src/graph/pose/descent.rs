@@ -73,6 +73,9 @@ type Outcome = Result<(f64, f64, Stop), Error>;
 /// A step that makes the cost rise by no more than rounding does not count as rising.
 const ROUNDING: f64 = 1e-13;
 
+/// Damping of Levenberg and Marquardt from which on steps are short whatever the cost could fall.
+const HELD: f64 = 1e3;
+
 /// Residual, as a share of the gradient, to which steps are computed where they cannot be exact (inexact
 /// Newton method: Dembo, Eisenstat and Steihaug 1982).
 const INEXACT: f64 = 1e-3;
@@ -259,18 +262,20 @@ impl<G: Group<D>, const D: usize> Search<'_, G, D> {
                 std::mem::swap(poses, &mut self.trial);
                 self.report(reached, promised, cost - reached, damping);
                 let gain = (cost - reached) / promised.max(f64::MIN_POSITIVE);
+                // A step held so short promises little wherever it is.
+                let free = damping < HELD;
                 damping *= (1.0f64 / 3.0).max(1.0 - (2.0 * gain - 1.0).powi(3));
                 damping = damping.max(1e-15);
                 growth = 2.0;
                 cost = reached;
-                if close {
+                if close && free {
                     return Ok((initial, cost, self.settled()));
                 }
                 self.linearise(poses, false);
             } else {
                 self.report(cost, promised, cost - reached, damping);
                 if close {
-                    let stop = if damping < 1e3 { Stop::Converged } else { Stop::Stalled };
+                    let stop = if damping < HELD { Stop::Converged } else { Stop::Stalled };
                     return Ok((initial, cost, stop));
                 }
                 damping *= growth;
