@@ -29,6 +29,10 @@ pub trait Space: Copy + Debug + Default + PartialEq + Send + Sync + 'static {
     /// tangent, projected on `normal`: the Jacobian of n·p, thesis 3.17 as corrected.
     fn lever(point: Self::Vector, normal: Self::Vector) -> Self::Tangent;
 
+    /// Orthonormal directions across a unit vector, as many as it has coordinates less one; the rest
+    /// are zero.
+    fn tangents(normal: Self::Vector) -> [Self::Vector; 2];
+
     /// The angle in radians between two unit vectors, in [0, π].
     fn angle_between(a: Self::Vector, b: Self::Vector) -> f32;
 }
@@ -101,6 +105,11 @@ impl Space for Planar {
         Vector([n[0], n[1], p[0] * n[1] - p[1] * n[0]])
     }
 
+    #[inline(always)]
+    fn tangents(n: Vector<2>) -> [Vector<2>; 2] {
+        [Vector([-n[1], n[0]]), Vector::ZERO]
+    }
+
     #[inline]
     fn angle_between(a: Vector<2>, b: Vector<2>) -> f32 {
         math::atan2(a[0] * b[1] - a[1] * b[0], a.dot(b)).abs()
@@ -119,6 +128,11 @@ impl Space for Spatial {
     fn lever(p: Vector<3>, n: Vector<3>) -> Vector<6> {
         let m = p.cross(n);
         Vector([n[0], n[1], n[2], m[0], m[1], m[2]])
+    }
+
+    #[inline(always)]
+    fn tangents(n: Vector<3>) -> [Vector<3>; 2] {
+        n.tangents()
     }
 
     #[inline]

@@ -57,11 +57,10 @@ impl<S: Space> Moments<S> {
     /// tangents; √axes is taken off, so that this is N(0, 1), too. Both noises are taken as
     /// proportional to each other.
     fn bending(&self, normal: S::Vector) -> f32 {
-        let (tangents, axes) = tangents::<S>(normal);
+        let [u, v] = S::tangents(normal);
         let ratio = self.normal_weight / self.weight;
-        let [u, v] = tangents;
         let (a, t) = (ratio * product::<S>(&self.scatter, u, u), product::<S>(&self.turns, u, u));
-        if axes == 1 {
+        if S::DIMENSION < 3 {
             return if a > 0.0 { t / math::sqrt(a) } else { 0.0 };
         }
         let b = ratio * product::<S>(&self.scatter, u, v);
@@ -86,7 +85,8 @@ impl<S: Space> Moments<S> {
     /// How far a point is beyond the contacts along the face: the part of its way from their centroid
     /// that is outside the ellipse of [`EXTENT`] deviations.
     fn beyond(&self, normal: S::Vector, point: S::Vector) -> f32 {
-        let (tangents, axes) = tangents::<S>(normal);
+        let tangents = S::tangents(normal);
+        let axes = S::DIMENSION - 1;
         let (a, b, c) = self.spread(tangents);
         let way = point - self.centroid;
         let [x, y] = tangents.map(|t| way.dot(t));
@@ -142,27 +142,6 @@ fn misfit<S: Space>(face: &Face<S>, contact: &Contact<S>) -> f32 {
     let turn = contact.normal.map_or(0.0, |n| (n - face.normal).norm_squared());
     let direction = contact.normal_deviation * contact.normal_deviation + ROUNDING * ROUNDING;
     value * value / place + turn / direction
-}
-
-/// Unit tangents of a face, and how many: one in the plane.
-fn tangents<S: Space>(n: S::Vector) -> ([S::Vector; 2], usize) {
-    if S::DIMENSION < 3 {
-        let along = S::Vector::from_fn(|i| if i == 0 { -n[1] } else { n[0] });
-        return ([along, S::Vector::ZERO], 1);
-    }
-    let mut least = 0;
-    for i in 1..3 {
-        if n[i].abs() < n[least].abs() {
-            least = i;
-        }
-    }
-    let axis = S::Vector::from_fn(|i| if i == least { 1.0 } else { 0.0 });
-    let u = (axis - n * n[least]).normalized().unwrap_or(S::Vector::ZERO);
-    let v = S::Vector::from_fn(|i| {
-        let (j, k) = ((i + 1) % 3, (i + 2) % 3);
-        n[j] * u[k] - n[k] * u[j]
-    });
-    ([u, v], 2)
 }
 
 impl<S: Space, const FACES: usize> Faces<S, FACES> {
@@ -296,8 +275,8 @@ impl<S: Space, const FACES: usize> Faces<S, FACES> {
         else {
             return contacts;
         };
-        let ([u, v], axes) = tangents::<S>(face.normal);
-        let count = if axes == 1 { 2 } else { 4 };
+        let [u, v] = S::tangents(face.normal);
+        let count = 2 * (S::DIMENSION - 1);
         // The factor of the contacts' spread along the tangents: one deviation each way.
         let (a, b, c) = moments.spread([u, v]);
         let uu = math::sqrt(math::max(a, 0.0));

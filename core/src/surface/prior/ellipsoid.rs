@@ -96,10 +96,8 @@ impl<S: Space> Ellipsoid<S> {
             value[pairs + S::DIMENSION] = -0.5 * VALUE_WEIGHT;
             system.observe(value, -0.5 * VALUE_WEIGHT * (q.norm_squared() - 1.0));
             let Some(n) = normal else { continue };
-            for axis in 0..S::DIMENSION {
-                let across =
-                    S::Vector::from_fn(|i| if i == axis { 1.0 } else { 0.0 }) - n * n[axis];
-                system.observe(slope::<S>(q, across), -across.dot(q));
+            for across in S::tangents(n).iter().take(S::DIMENSION - 1) {
+                system.observe(slope::<S>(q, *across), -across.dot(q));
             }
             for (sum, x) in mean_slope.iter_mut().zip(slope::<S>(q, n)) {
                 *sum += x;

@@ -18,29 +18,16 @@ pub trait Faceted: Space {
     type Along: Coordinates;
     /// A symmetric matrix in these.
     type Spread: Square<Vector = Self::Along>;
-
-    /// Orthonormal directions across a unit normal; the second is zero in the plane.
-    fn basis(normal: Self::Vector) -> [Self::Vector; 2];
 }
 
 impl Faceted for Planar {
     type Along = Vector<1>;
     type Spread = Matrix<1>;
-
-    #[inline(always)]
-    fn basis(n: Vector<2>) -> [Vector<2>; 2] {
-        [Vector([-n[1], n[0]]), Vector::ZERO]
-    }
 }
 
 impl Faceted for Spatial {
     type Along = Vector<2>;
     type Spread = Matrix<2>;
-
-    #[inline(always)]
-    fn basis(n: Vector<3>) -> [Vector<3>; 2] {
-        n.tangents()
-    }
 }
 
 /// The coordinates of `v` along `basis`.
@@ -168,7 +155,7 @@ impl<S: Faceted> Face<S> {
     /// Learns from one more contact: the Kalman update of tilt and height, then the plane passes
     /// through the new centroid.
     pub(super) fn absorb(&mut self, felt: &Felt<S>, grasp: u16) {
-        let basis = S::basis(self.normal);
+        let basis = S::tangents(self.normal);
         let arm = felt.point - self.centroid;
         let (height, place) = (self.normal.dot(arm), along::<S>(&basis, arm));
         let weight = 1.0 / felt.point_variance;
@@ -199,7 +186,7 @@ impl<S: Faceted> Face<S> {
 
     /// Writes the scatter, given in `old` axes, in the axes of the present normal.
     fn turn_scatter(&mut self, old: &[S::Vector; 2]) {
-        let new = S::basis(self.normal);
+        let new = S::tangents(self.normal);
         let mut turned = S::Spread::ZERO;
         for i in 0..S::Along::LEN {
             for j in 0..S::Along::LEN {
@@ -219,7 +206,7 @@ impl<S: Faceted> Face<S> {
     /// How far along `direction` the face's contacts reach from `origin`, at least, metres: to one
     /// standard deviation of theirs beyond the centroid, which of any two contacts one attains.
     pub(super) fn reach(&self, origin: S::Vector, direction: S::Vector) -> f32 {
-        let d = along::<S>(&S::basis(self.normal), direction);
+        let d = along::<S>(&S::tangents(self.normal), direction);
         let spread = d.dot(times(&self.scatter, d)) / self.weight;
         direction.dot(self.centroid - origin) + math::sqrt(math::max(spread, 0.0))
     }

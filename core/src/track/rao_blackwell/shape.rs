@@ -172,7 +172,7 @@ impl<S: Faceted> Plane<S> {
     fn of(face: &Face<S>) -> Self {
         Plane {
             face: *face,
-            basis: S::basis(face.normal),
+            basis: S::tangents(face.normal),
             tilt: face.tilt(),
             height: 1.0 / face.weight,
             share: f32::from(face.contacts.min(USUAL)),

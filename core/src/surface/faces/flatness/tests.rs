@@ -42,13 +42,7 @@ fn gather<S: Space>(contacts: &[Contact<S>]) -> Moments<S> {
 /// No axis of space, and two ways along its face that are no tangents either.
 fn oblique() -> (Vector<3>, [Vector<3>; 2]) {
     let normal = Vector([0.48, 0.6, 0.64]);
-    let u = Vector([0.6, -0.48, 0.0]).normalized().unwrap();
-    let u = (u - normal * u.dot(normal)).normalized().unwrap();
-    let v = Vector([
-        normal[1] * u[2] - normal[2] * u[1],
-        normal[2] * u[0] - normal[0] * u[2],
-        normal[0] * u[1] - normal[1] * u[0],
-    ]);
+    let [u, v] = Spatial::tangents(normal);
     (normal, [(u * 0.8 + v * 0.6) * 0.04, (v * 0.8 - u * 0.6) * 0.015])
 }
 
@@ -96,7 +90,7 @@ fn a_summary_says_what_the_contacts_did() {
     close(all.weight, few.weight, all.weight);
     close(all.normal_weight, few.normal_weight, all.normal_weight);
     assert!((all.centroid - few.centroid).norm() < 1e-6);
-    let tangents = tangents::<Spatial>(faces.faces()[0].normal).0;
+    let tangents = Spatial::tangents(faces.faces()[0].normal);
     let [a, b] = [all, few].map(|m| m.spread(tangents));
     let scale = a.0 + a.1;
     close(a.0, b.0, scale);
