@@ -41,12 +41,17 @@ pub const REACH: f32 = 0.12;
 
 /// Log density of a contact that no part of the model explains: see the module.
 pub fn wild<S: Space>(contact: &Contact<S>) -> f32 {
+    wild_of::<S>(contact.normal.is_some())
+}
+
+/// The same of a contact with a normal or without.
+pub(crate) fn wild_of<S: Space>(is_directed: bool) -> f32 {
     /// −ln 0.12, −ln 2π, −ln 4π.
     const PLACE: f32 = 2.120_263_5;
     const PLANAR: f32 = -1.837_877_1;
     const SPATIAL: f32 = -2.531_024_2;
     let direction = if S::DIMENSION == 2 { PLANAR } else { SPATIAL };
-    PLACE + if contact.normal.is_some() { direction } else { 0.0 }
+    PLACE + if is_directed { direction } else { 0.0 }
 }
 
 /// The same of the usable contacts of a grasp that have these numbers among them.

@@ -139,8 +139,8 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
     /// Moves every particle as the hand meant to, and then some; more when the object was lost.
     fn predict(&mut self, motion: Option<&S::Pose>) {
         let running = self.running.get_or_insert_with(|| Running::new(Settings::DEFAULT));
-        let noise = running.motion.after_losing(self.lost);
         let motion = motion.filter(|m| is_plausible::<S>(m));
+        let noise = running.motion.of(motion.is_some()).after_losing(self.lost);
         for pose in self.particles.poses_mut() {
             let moved = motion.map_or(*pose, |m| m.compose(pose));
             *pose = noise.disturb::<S>(&moved, &mut running.random);

@@ -334,6 +334,7 @@ impl<
         let mut density = math::ln(1.0 - SLIP) + self.branch(grasp);
         if !self.is_found(density, nowhere) {
             self.memory.pop();
+            self.rank();
             self.slip();
             self.memory.push(self.grasps, self.pending, grasp);
             self.lay_part(0, self.memory.grasps().len().saturating_sub(1));
@@ -342,6 +343,7 @@ impl<
         if !self.is_found(density, nowhere) {
             self.evidence += nowhere;
             self.memory.pop();
+            self.rank();
             self.lay(0);
             return (Status::Lost, dropped);
         }

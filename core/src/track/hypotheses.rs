@@ -64,6 +64,10 @@ pub const fn rows<S: Space>(faces: usize) -> usize {
 /// A second answer with this share of the belief makes it ambiguous.
 const AMBIGUOUS: f32 = 0.1;
 
+/// Variances beyond which nothing makes the pose vaguer: 1 m and a turn in every direction. Single precision
+/// cannot take a contact of a millimetre from much more.
+const VAGUEST: [f32; 2] = [1.0, 10.0];
+
 /// How a [`Hypotheses`] works.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -241,18 +245,17 @@ impl<
     /// Moves every hypothesis as the hand meant to, and adds the doubt about that.
     fn predict(&mut self, motion: Option<&S::Pose>) {
         let motion = motion.filter(|m| is_plausible::<S>(m));
-        // Unknown motion is taken for rest with twice the noise.
-        let factor = if motion.is_some() { 1.0 } else { 2.0 };
-        let noise = self.settings.motion;
-        let variances = [noise.translation, noise.rotation]
-            .map(|deviation| factor * deviation * factor * deviation);
+        let noise = self.settings.motion.of(motion.is_some());
+        let variances = [noise.translation, noise.rotation].map(|deviation| deviation * deviation);
         for slot in self.order[..self.count].iter().map(|i| usize::from(*i)) {
             let hypothesis = &mut self.slots[slot];
             if let Some(motion) = motion {
                 hypothesis.pose = motion.compose(&hypothesis.pose);
             }
             for i in 0..S::FREEDOM {
-                hypothesis.joint.add_variance(i, variances[usize::from(i >= S::DIMENSION)]);
+                let kind = usize::from(i >= S::DIMENSION);
+                let room = math::max(VAGUEST[kind] - hypothesis.joint.at(i, i), 0.0);
+                hypothesis.joint.add_variance(i, math::min(variances[kind], room));
             }
             if GRASPS > 0 {
                 let past = &mut hypothesis.past[self.grasps as usize % GRASPS];
@@ -368,7 +371,7 @@ impl<
             outcome.corrected |= part.corrected && begun;
             outcome.density += part.density;
             if part.lost {
-                outcome.lost = !outcome.corrected;
+                outcome.lost = told == 0;
                 // What no hypothesis explains of a grasp that is explained otherwise is wild.
                 outcome.dropped = outcome.dropped.saturating_add((contacts - told) as u16);
                 outcome.density += all_wild(&grasp, told..contacts);

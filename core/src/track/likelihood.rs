@@ -91,7 +91,9 @@ pub fn log_free<S: Space>(probe: &Probe<S>) -> f32 {
 #[inline(always)]
 fn student(squared: f32, variance: f32, axes: f32) -> f32 {
     let tail = 0.5 * (FREEDOM + axes) * math::ln(1.0 + squared / (FREEDOM * variance));
-    -tail - 0.5 * axes * math::ln(variance)
+    let log = -tail - 0.5 * axes * math::ln(variance);
+    // What is no number fits nothing.
+    if squared.is_finite() { log } else { f32::NEG_INFINITY }
 }
 
 #[cfg(test)]
@@ -121,6 +123,8 @@ mod tests {
         assert!(drop(1e-6) > 4.0 * drop(1e-4));
         // Robust: ten times as far costs a logarithm, not a square.
         assert!(at(0.01, 1e-6) - at(0.1, 1e-6) < 13.0);
+        // What is no number fits nothing.
+        assert_eq!(at(f32::NAN, 1e-6), f32::NEG_INFINITY);
         // The surface scale cancels: 2f with twice the slope is the same contact.
         let steep = Probe { gradient: Vector([0.0, 2.0]), ..probe(0.004, 4e-6) };
         assert!((log_likelihood(&steep, None, &CONTACT) - at(0.002, 1e-6)).abs() < 1e-5);

@@ -18,6 +18,12 @@ impl MotionNoise {
     /// The thesis' "100 %": 10 mm and 20°.
     pub const THESIS: Self = MotionNoise { translation: 0.01, rotation: 0.349_065_85 };
 
+    /// The noise of a grasp whose motion is known or not: unknown motion is rest with twice the noise.
+    pub(crate) fn of(&self, is_known: bool) -> Self {
+        let factor = if is_known { 1.0 } else { 2.0 };
+        MotionNoise { translation: factor * self.translation, rotation: factor * self.rotation }
+    }
+
     /// The noise to search with after this many grasps in a row that fitted nowhere: the object may
     /// have slipped by more than the hand knows. At first twice the noise and no less than 30 mm and
     /// 40°, growing with every grasp to 200 mm and 115°; without a loss, the noise itself.

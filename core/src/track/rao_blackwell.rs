@@ -202,7 +202,7 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
     /// Moves every particle as the hand meant to, and then some.
     fn predict(&mut self, motion: Option<&S::Pose>) {
         let Running { motion: noise, random } = self.running();
-        let (noise, mut random) = (*noise, random.clone());
+        let (noise, mut random) = (noise.of(motion.is_some()), random.clone());
         for particle in &mut self.particles {
             let moved = motion.map_or(particle.pose, |m| m.compose(&particle.pose));
             particle.pose = noise.disturb::<S>(&moved, &mut random);
@@ -219,7 +219,7 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
         lost: u16,
     ) -> Option<Verdict> {
         let Running { motion: noise, random } = self.running();
-        let (noise, mut random) = (noise.after_losing(lost), random.clone());
+        let (noise, mut random) = (noise.of(motion.is_some()).after_losing(lost), random.clone());
         let felt = centroid(grasp);
         let contacts = grasp.usable().count() as u32;
         // Two fingers must agree; one alone fits anywhere.

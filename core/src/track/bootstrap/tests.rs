@@ -1,6 +1,6 @@
 use super::*;
 use crate::contact::FreePoint;
-use crate::matrix::Vector;
+use crate::matrix::{Square, Vector};
 use crate::space::{Planar, PlanarPose};
 use crate::surface::cholesky::packed;
 use crate::surface::{Ball, Gpis, Matern32, Prior, Surface, Training, Truncated};
@@ -178,9 +178,24 @@ fn a_square_turned_by_half_of_its_symmetry_is_ambiguous() {
     let motion = MotionNoise { translation: 0.002, rotation: 0.6 };
     let mut filter = filter(Settings { motion, seed: 1, ..Settings::DEFAULT });
     filter.update(None, view(&square(0.0)));
-    let estimate = filter.update(None, view(&square(core::f32::consts::FRAC_PI_4)));
+    let rest = Some(&PlanarPose::IDENTITY);
+    let estimate = filter.update(rest, view(&square(core::f32::consts::FRAC_PI_4)));
     assert_eq!(estimate.status, Status::Ambiguous, "{:?}", estimate.modes);
     assert!((estimate.pose.angle().abs() - core::f32::consts::FRAC_PI_4).abs() < 0.1);
+}
+
+#[test]
+fn unknown_motion_is_rest_with_twice_the_noise() {
+    let spread = |motion: Option<&PlanarPose>| {
+        let mut filter = filter(Settings::DEFAULT);
+        filter.update(None, view(&touch(&PlanarPose::IDENTITY, 0.0)));
+        let covariance = filter.update(motion, view(&[])).covariance;
+        [covariance.at(0, 0), covariance.at(2, 2)].map(f32::sqrt)
+    };
+    let (known, unknown) = (spread(Some(&PlanarPose::IDENTITY)), spread(None));
+    for (known, unknown) in known.into_iter().zip(unknown) {
+        assert!((unknown / known - 2.0).abs() < 0.2, "{known} {unknown}");
+    }
 }
 
 #[test]

@@ -30,13 +30,15 @@ impl<
         let Some(new) = self.memory.grasps().len().checked_sub(1) else { return 0.0 };
         let Some(last) = new.checked_sub(1) else { return 0.0 };
         let (mut density, mut number) = (f32::NEG_INFINITY, 0);
-        let mut best = f32::NEG_INFINITY;
+        let (mut best, mut mass) = (f32::NEG_INFINITY, f32::NEG_INFINITY);
         for parent in 0..self.count {
+            let mut weight = math::ln(self.hypotheses[parent].weight);
             // The first is laid already.
             if parent > 0 {
                 self.lay_part(parent, new);
-                self.review(parent, new);
+                weight += self.review(parent, new);
             }
+            mass = log_sum(mass, weight);
             let prediction = self.predict(&self.hypotheses[parent], last);
             let scene = Scene {
                 map: &self.map,
@@ -46,7 +48,6 @@ impl<
                 middle: self.middle(parent, new),
             };
             let Some(candidates) = scene.propose() else { continue };
-            let weight = math::ln(self.hypotheses[parent].weight);
             let first = candidates.as_slice().first();
             best = first.map_or(best, |c| math::max(best, weight + c.score));
             let hopeful = |c: &&Candidate<S>| weight + c.score >= best - HOPELESS;
@@ -59,7 +60,7 @@ impl<
                 density = log_sum(density, weight + fit);
             }
         }
-        density
+        density - mass
     }
 
     /// Centroid of a hypothesis' contacts before grasp `new`, object frame.

@@ -31,8 +31,14 @@ impl<
         self.weigh();
     }
 
+    /// Sorts and weighs, drops the improbable.
+    pub(super) fn rank(&mut self) {
+        self.order();
+        self.weigh();
+    }
+
     /// Best first: insertion sort of a handful.
-    pub(super) fn order(&mut self) {
+    fn order(&mut self) {
         for i in 1..self.count {
             let mut j = i;
             while j > 0 && self.hypotheses[j].evidence > self.hypotheses[j - 1].evidence {
@@ -70,7 +76,7 @@ impl<
     }
 
     /// Weights from evidence; the improbable go.
-    pub(super) fn weigh(&mut self) {
+    fn weigh(&mut self) {
         let Some(best) = self.hypotheses[..self.count].first().map(|h| h.evidence) else { return };
         let limit = best - self.settings.prune;
         self.count =

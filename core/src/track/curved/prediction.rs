@@ -48,16 +48,13 @@ impl<
     fn widen(&mut self, noise: &MotionNoise) {
         let most = &self.settings.unknown;
         let drift = &mut self.pending.drift;
-        // Beyond twice what unknown motion allows, all places are alike.
-        let most_shift = math::max(
-            4.0 * most.translation * most.translation,
-            noise.translation * noise.translation,
-        );
-        let most_turn =
-            math::max(4.0 * most.rotation * most.rotation, noise.rotation * noise.rotation);
-        drift.translation =
-            math::min(drift.translation + noise.translation * noise.translation, most_shift);
-        drift.rotation = math::min(drift.rotation + noise.rotation * noise.rotation, most_turn);
+        // Beyond twice what unknown motion allows, or this one, all places are alike.
+        let add = |drift: f32, noise: f32, most: f32| {
+            let most = 2.0 * math::max(noise, most);
+            math::min(drift + noise * noise, most * most)
+        };
+        drift.translation = add(drift.translation, noise.translation, most.translation);
+        drift.rotation = add(drift.rotation, noise.rotation, most.rotation);
     }
 
     /// Where a hypothesis expects the object now.

@@ -191,7 +191,7 @@ impl<S: Space, M: Revisable<S>> Scene<'_, S, M> {
                 self.weigh(touch, &pose, &mut normal);
             }
             let solved = Definite::<S>::new(&normal.matrix)?;
-            let move_by = bounded::<S>(solved.solve(normal.right));
+            let move_by = bounded::<S>(solved.solve(normal.right), &self.prediction.covariance);
             if !move_by.is_finite() {
                 return None;
             }
@@ -253,7 +253,9 @@ impl<S: Space, M: Revisable<S>> Scene<'_, S, M> {
             let probe: Probe<S> = self.map.probe(pose.untransform(free.point));
             let slope = math::max(probe.gradient.norm(), LEAST_SLOPE);
             let deviation = math::sqrt(TIP * TIP + probe.variance / (slope * slope));
-            let outside = math::normal(probe.value / (slope * deviation)).1;
+            let height = probe.value / (slope * deviation);
+            // So far away that f overflows is outside.
+            let outside = if height.is_finite() { math::normal(height).1 } else { 1.0 };
             sum += math::ln(DOUBT + (1.0 - 2.0 * DOUBT) * outside);
         }
         sum

@@ -39,7 +39,7 @@ impl<
         self.map.withdraw(self.settled);
         self.trajectory.clear();
         let best = &self.hypotheses[0];
-        let pose = best.about[0];
+        let pose = best.poses[0];
         for index in oldest.touches() {
             let (touch, belief) = (&self.memory.touches()[index], &best.beliefs[index]);
             let contact = scaled(touch, belief).seen_from(&pose);
@@ -49,7 +49,7 @@ impl<
         let gone = self.memory.forget_oldest();
         (self.base, self.based) = (covariance, true);
         for hypothesis in &mut self.hypotheses[..self.count] {
-            hypothesis.base = hypothesis.about[0];
+            hypothesis.base = hypothesis.poses[0];
             hypothesis.poses.copy_within(1.., 0);
             hypothesis.about.copy_within(1.., 0);
             hypothesis.beliefs.copy_within(gone.., 0);

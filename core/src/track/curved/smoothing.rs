@@ -37,8 +37,7 @@ impl<
         self.lay_best();
         self.review(0, self.memory.grasps().len());
         self.temper();
-        self.order();
-        self.weigh();
+        self.rank();
         self.lay_best();
     }
 
@@ -69,13 +68,15 @@ impl<
             if self.count > 1 {
                 self.lay(index);
             }
-            self.renew(index, grasps);
+            let evidence = self.evidence_of(index, grasps);
+            self.renew(index, evidence);
         }
     }
 
     /// Looks again at what is thought of some contacts of the first `grasps` grasps of a hypothesis, which
-    /// are laid, and are still afterwards.
-    pub(super) fn review(&mut self, index: usize, grasps: usize) {
+    /// are laid, and are still afterwards; how its evidence changes.
+    pub(super) fn review(&mut self, index: usize, grasps: usize) -> f32 {
+        let before = self.evidence_of(index, grasps);
         let contacts = self.memory.touches_of(grasps);
         let parts = contacts.div_ceil(DOUBTED).min(usize::from(self.settings.parts));
         let mut changed = false;
@@ -84,17 +85,20 @@ impl<
             let (memory, hypothesis) = (&self.memory, &mut self.hypotheses[index]);
             changed |= self.trajectory.doubt(&self.map, self.settled, memory, hypothesis, again);
         }
-        if changed {
-            let whole = self.laid;
-            self.lay_part(index, grasps);
-            self.laid = whole;
-            self.renew(index, grasps);
+        if !changed {
+            return 0.0;
         }
+        let whole = self.laid;
+        self.lay_part(index, grasps);
+        self.laid = whole;
+        // What it was worth beyond what is remembered, it is still: what settled told hypotheses apart, too.
+        let known = self.hypotheses[index].evidence;
+        self.renew(index, known + self.evidence_of(index, grasps) - before);
+        self.hypotheses[index].evidence - known
     }
 
-    /// What a hypothesis of which so many grasps are laid says of their poses, and its evidence.
-    fn renew(&mut self, index: usize, grasps: usize) {
-        let evidence = self.evidence_of(index, grasps);
+    /// Gives a hypothesis whose remembered grasps are laid this evidence, and what it says of their poses.
+    fn renew(&mut self, index: usize, evidence: f32) {
         let hypothesis = &mut self.hypotheses[index];
         hypothesis.evidence = if evidence.is_finite() { evidence } else { f32::MIN };
         self.trajectory.settle(&self.map, self.settled, &self.memory, hypothesis);

@@ -22,8 +22,9 @@ const AXES: usize = 6;
 /// Trust that changes by less is as it was.
 const TRUST_STEP: f32 = 0.2;
 
-/// Longest step of one iteration: metres and radians.
+/// Longest step of one iteration: metres and radians; or as long a part of the place's deviation.
 const LONGEST: (f32, f32) = (0.03, 0.4);
+const LEAP: f32 = 0.3;
 
 /// A trajectory with what it makes of the contacts.
 #[derive(Clone, Copy, Debug)]
@@ -311,7 +312,8 @@ impl<S: Space, const GRASPS: usize, const CONTACTS: usize, const ROWS: usize>
             later += -sum(&self.levers, remembered.touches());
             earlier += sum(&self.spreads, remembered.touches());
             let walk = earlier + times::<S>(&link.common, later);
-            let step = bounded::<S>(link.offset + times::<S>(&link.transport, walk));
+            let step = link.offset + times::<S>(&link.transport, walk);
+            let step = bounded::<S>(step, &link.common);
             if step.is_finite() {
                 hypothesis.poses[grasp] = hypothesis.about[grasp].retract(step);
             }
@@ -387,12 +389,19 @@ pub(super) fn lever<S: Space>(contact: &Contact<S>, bend: &Bend<S>, part: usize)
     lever
 }
 
-/// The step, shortened where it is too long to be linear.
-pub(super) fn bounded<S: Space>(step: S::Tangent) -> S::Tangent {
-    let (mut shift, mut turn) = (0.0, 0.0);
+/// The step, shortened where it is too long to be linear. An object whose place has a greater variance than
+/// hands leave, per axis at most `covariance`, is a greater one.
+pub(super) fn bounded<S: Space>(step: S::Tangent, covariance: &S::Covariance) -> S::Tangent {
+    let (mut shift, mut turn, mut vaguest) = (0.0, 0.0, 0.0);
     for i in 0..S::FREEDOM {
-        if i < S::DIMENSION { shift += step[i] * step[i] } else { turn += step[i] * step[i] }
+        if i < S::DIMENSION {
+            shift += step[i] * step[i];
+            vaguest = math::max(vaguest, covariance.at(i, i));
+        } else {
+            turn += step[i] * step[i];
+        }
     }
-    let over = math::max(math::sqrt(shift) / LONGEST.0, math::sqrt(turn) / LONGEST.1);
+    let longest = math::max(LONGEST.0, LEAP * math::sqrt(vaguest));
+    let over = math::max(math::sqrt(shift) / longest, math::sqrt(turn) / LONGEST.1);
     if over > 1.0 { step * (1.0 / over) } else { step }
 }

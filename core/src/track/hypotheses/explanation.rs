@@ -1,15 +1,15 @@
 //! A grasp explained by every hypothesis.
 
-use super::Hypotheses;
 use super::chart::Chart;
 use super::hypothesis::Hypothesis;
 use super::plane::Touch;
 use super::search::{Felt, Odds};
+use super::{Hypotheses, VAGUEST};
 use crate::contact::FreePoint;
 use crate::math;
 use crate::matrix::Coordinates;
 use crate::space::{Pose, Space};
-use crate::track::automatic::log_sum;
+use crate::track::automatic::{log_sum, wild_of};
 
 /// What became of the contacts of a grasp.
 #[derive(Clone, Copy, Default)]
@@ -47,7 +47,7 @@ impl<
     /// explanations.
     pub(super) fn absorb(&mut self, count: usize, free: &[FreePoint<S>]) -> Outcome {
         let lost = self.lost > 0;
-        let wider = if lost { [0.1 * 0.1, 1.5 * 1.5] } else { [0.0; 2] };
+        let wider = if lost { self.anywhere(&self.touches[..count]) } else { [0.0; 2] };
         self.search.clear();
         for number in 0..self.count {
             let slot = usize::from(self.order[number]);
@@ -82,7 +82,14 @@ impl<
         let mapped = self.best().is_some_and(|b| b.faces > S::DIMENSION);
         // Fewer fingers than that must all agree, and one alone fits anywhere.
         let enough = (S::DIMENSION + 1).min(count).max(2);
-        let nowhere = if lost { known < enough || 3 * wild > count } else { 2 * wild > count };
+        let nowhere = if lost {
+            known < enough || 3 * wild > count
+        } else {
+            // New faces explain whatever is felt, where it is felt; what is likelier of no object at all is
+            // not felt there.
+            let touches = self.touches[..count].iter();
+            2 * wild > count || density < touches.map(|t| wild_of::<S>(t.directed)).sum()
+        };
         if mapped && nowhere {
             return Outcome { lost: true, ..Outcome::default() };
         }
@@ -90,6 +97,16 @@ impl<
         let dropped = best.wild.into();
         self.select(count, free, wider);
         Outcome { corrected, lost: false, dropped, density }
+    }
+
+    /// Variances of where a lost object is, beyond the motion's: it turned who knows how, and moved by half as
+    /// much as the touches are from where its middle was expected, or by 100 mm.
+    fn anywhere(&self, touches: &[Touch<S>]) -> [f32; 2] {
+        let far = self.best().map_or(0.0, |best| {
+            let shift = facing(best, middle(touches), S::Tangent::ZERO);
+            (0..S::DIMENSION).map(|axis| shift[axis] * shift[axis]).sum()
+        });
+        [math::min(math::max(0.25 * far, 0.1 * 0.1), VAGUEST[0]), 1.5 * 1.5]
     }
 
     /// Log density of what was just explained, over all hypotheses and explanations.

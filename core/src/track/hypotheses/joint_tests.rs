@@ -4,7 +4,7 @@ use super::chart::{Chart, across};
 use super::hypothesis::Hypothesis;
 use super::joint::{Joint, Sparse, log_normal};
 use super::plane::{Plane, Touch, measure, solve};
-use super::work::Work;
+use super::work::{Work, between, undisplaced};
 use crate::math::normal;
 use crate::matrix::{Coordinates, Square, Vector};
 use crate::space::{Planar, Pose, Space, Spatial};
@@ -276,6 +276,26 @@ fn check<S: Chart>(
         prop_assert!((then - want).abs() < allowed, "{then} {want}");
     }
     Ok(())
+}
+
+/// The axes across a normal jump where its first coordinate changes sign, and the covariance is about those
+/// from before.
+#[test]
+fn derivatives_by_a_displaced_plane_are_by_its_coordinates_before() {
+    let before =
+        Plane::<Planar> { normal: Vector([-0.01, 1.0]).normalized().unwrap(), offset: 0.04 };
+    let other = Plane { offset: 0.0401, ..before };
+    for tilt in [0.02, -0.02] {
+        let rows = |by: f32| {
+            let after = before.displaced(&[tilt + by, 0.0]);
+            (between::<Planar>(&after, &other).unwrap(), after)
+        };
+        let ((near, after), (far, _)) = (rows(0.0), rows(1e-3));
+        let by = undisplaced::<Planar>(&near[0].1, &before, &after);
+        // The coordinate that is compared is along the displaced plane's own axis.
+        assert!(((far[0].0 - near[0].0) / 1e-3 - by[0]).abs() < 0.01, "{tilt} {by:?}");
+        assert_eq!(by[1], near[0].1[1]);
+    }
 }
 
 #[test]

@@ -5,6 +5,7 @@ use crate::contact::FreePoint;
 use crate::math::{self, normal};
 use crate::matrix::Coordinates;
 use crate::space::{Pose, Space};
+use crate::track::Separation;
 
 use super::beam::{Beam, FACE, Node, OPENS, WILD};
 use super::chart::Chart;
@@ -17,6 +18,9 @@ const BEAM: usize = 16;
 
 /// Whole answers kept at most, of all hypotheses.
 pub(super) const LEAVES: usize = 32;
+
+/// Answers with the same labels this close together (of a [`Separation::DEFAULT`]) are one.
+const COPY: f32 = 0.1;
 
 /// Partial answers this many nats behind the best are given up.
 const HOPELESS: f32 = 12.0;
@@ -62,13 +66,14 @@ pub(super) struct Felt<'a, S: Space> {
     pub wider: [f32; 2],
 }
 
-/// Log probability that a point is on the right side: its height in metres, the variance of that,
-/// and how often such a thing is not so.
+/// Log probability that a point is on the right side, beside that of one which surely is: its height in
+/// metres, the variance of that, and how often such a thing is not so.
 fn allowed([height, variance]: [f32; 2], doubt: f32) -> f32 {
     if height <= 0.0 && height * height > 9.0 * variance {
         return 0.0;
     }
-    math::ln(doubt + (1.0 - 2.0 * doubt) * normal(-height / math::sqrt(variance)).1)
+    let chance = doubt + (1.0 - 2.0 * doubt) * normal(-height / math::sqrt(variance)).1;
+    math::ln(chance / (1.0 - doubt))
 }
 
 /// Log probability of a contact where it is: that it does not lie beyond planes it is not on.
@@ -385,6 +390,18 @@ impl<S: Chart> Search<S> {
         if !leaf.node.score.is_finite() || !leaf.pose.is_finite() {
             return;
         }
+        // The same answer, found from another root of a lost object.
+        let same = |other: &Leaf<S>| {
+            (other.parent, other.node.labels) == (leaf.parent, leaf.node.labels)
+                && Separation::DEFAULT.between::<S>(&other.pose, &leaf.pose) < COPY
+        };
+        if let Some(copy) = self.leaves().iter().position(same) {
+            if self.leaves[copy].node.score >= leaf.node.score {
+                return;
+            }
+            self.leaves.copy_within(copy + 1..self.count, copy);
+            self.count -= 1;
+        }
         let mut place = self.count;
         while place > 0 && self.leaves[place - 1].node.score < leaf.node.score {
             place -= 1;
@@ -395,5 +412,44 @@ impl<S: Chart> Search<S> {
         self.count = (self.count + 1).min(LEAVES);
         self.leaves.copy_within(place..self.count - 1, place + 1);
         self.leaves[place] = leaf;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::matrix::Vector;
+    use crate::space::{Planar, PlanarPose};
+
+    #[test]
+    fn a_place_in_no_doubt_costs_nothing_and_a_coin_says_nothing() {
+        for doubt in [0.02, 0.2, 0.5] {
+            let at = |deviations: f32| allowed([1e-3 * deviations, 1e-6], doubt);
+            // Where it stops to look closely nothing jumps.
+            assert!((at(-2.999) - at(-3.001)).abs() < 2e-3, "{doubt}");
+            assert!(at(-9.0) == 0.0 && (at(9.0) - math::ln(doubt / (1.0 - doubt))).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn an_answer_found_from_two_roots_counts_once() {
+        let mut search = Search::<Planar>::new();
+        let leaf = |x: f32, label: u8, score: f32| {
+            let mut node = Node::UNSET;
+            (node.labels[0], node.score) = (label, score);
+            let pose = PlanarPose::new(Vector([x, 0.0]), 0.0);
+            Leaf { node, parent: 0, known: 1, opened: 0, wild: 0, pose }
+        };
+        for (x, label, score) in [
+            (0.0, FACE, 1.0),
+            (1e-4, FACE, 2.0),
+            (2e-4, FACE, 0.0),
+            (0.1, FACE, 0.5),
+            (0.0, WILD, 0.0),
+        ] {
+            search.keep(leaf(x, label, score));
+        }
+        let scores = search.leaves().iter().map(|l| l.node.score);
+        assert!(scores.eq([2.0, 0.5, 0.0]));
     }
 }

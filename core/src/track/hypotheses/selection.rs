@@ -148,11 +148,11 @@ impl<
     /// (the ratio is the density of their difference at zero over that of a new face; Dickey 1971).
     fn merge(&mut self, slot: usize, odds: &Odds) {
         let (hypothesis, work) = (&mut self.slots[slot], &mut self.work);
+        work.begin(hypothesis, [0.0; 2]);
         let mut b = 1;
         while b < hypothesis.faces {
             let mut joined = false;
             for a in 0..b {
-                work.begin(hypothesis, [0.0; 2]);
                 if let Some(gain) = work.coincidence(a, b)
                     && gain > odds.opens
                 {
@@ -162,6 +162,7 @@ impl<
                     let record = hypothesis.records[b];
                     hypothesis.records[a].merge(&record);
                     hypothesis.forget_face(b);
+                    work.begin(hypothesis, [0.0; 2]);
                     joined = true;
                     break;
                 }

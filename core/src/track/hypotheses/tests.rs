@@ -500,3 +500,53 @@ fn a_normal_into_a_face_is_not_one_out_of_it() {
     assert!(residual(Vector([1.0, 0.0])).abs() < 1e-6);
     assert!((residual(Vector([-1.0, 0.0])).abs() - core::f32::consts::PI).abs() < 1e-6);
 }
+
+/// New faces would explain anything: a map that is whole has to tell what is not the object there.
+#[test]
+fn an_object_carried_away_is_missed_at_once_and_found_again() {
+    for far in [0.15, 0.6, 2.0] {
+        let mut right = 0;
+        for seed in 0..12 {
+            let (polygon, mut tracker, _) = known_quadrilateral();
+            let mut random = Random::new(seed);
+            let way = seed as f32;
+            let away = Vector([far * way.cos(), far * way.sin()]);
+            let elsewhere = PlanarPose::new(away, 0.7 * way);
+            let gauge = tracker.recall(0).unwrap();
+            let rest = Some(&PlanarPose::IDENTITY);
+            let touched = |k| view(&polygon.grasp(&elsewhere, k, &mut random)).contacts.to_vec();
+            let grasps: Vec<_> = (0..5).map(touched).collect();
+            let last = grasps.iter().map(|g| tracker.update(rest, view(g))).last().unwrap();
+            let [translation, rotation] = error(&last.pose, &elsewhere, &gauge, 1.0);
+            right += usize::from(translation < 6e-3 && rotation < 0.1);
+        }
+        assert!(right >= 9, "{far}: {right} of 12");
+    }
+}
+
+#[test]
+fn contacts_without_room_in_the_first_grasp_are_no_loss() {
+    let polygon = Polygon::regular(16, 0.05);
+    let mut tracker = Box::new(Plane2::new());
+    let rest = Some(&PlanarPose::IDENTITY);
+    let all = all_around(&polygon, 2 * TOUCHES, &PlanarPose::IDENTITY);
+    assert_eq!(tracker.update(rest, view(&all)).status, Status::Started);
+    let next = tracker.update(rest, view(&all[..6]));
+    assert!(matches!(next.status, Status::Tracking | Status::Ambiguous), "{:?}", next.status);
+}
+
+#[test]
+fn a_shift_of_which_nothing_is_known_leaves_single_precision_its_digits() {
+    let (polygon, mut tracker, _) = known_quadrilateral();
+    tracker.set_motion_noise(MotionNoise { translation: 1000.0, rotation: 0.1 });
+    let gauge = tracker.recall(0).unwrap();
+    let here = PlanarPose::new(Vector([0.02, -0.01]), 0.1);
+    let exact = all_around(&polygon, 8, &here);
+    let rest = Some(&PlanarPose::IDENTITY);
+    let estimate = tracker.update(rest, view(&exact));
+    let [translation, rotation] = error(&estimate.pose, &here, &gauge, 1.0);
+    assert!(translation < 3e-3 && rotation < 0.06, "{translation} {rotation} {estimate:?}");
+    for i in 0..3 {
+        assert!(estimate.covariance.at(i, i) > 0.0, "{:?}", estimate.covariance);
+    }
+}

@@ -245,7 +245,7 @@ impl<S: Chart, const FACES: usize, const ROWS: usize, const PACKED: usize>
 
     /// Conditions on a point (world frame, with this variance) being inside a plane, or outside with
     /// `side` −1, which is wrong in a share `doubt` of such statements (at most a half); the log
-    /// probability of that. The posterior keeps the first two moments' derivatives (assumed density; Minka 2001).
+    /// probability of that, beside that of a point which surely is. The posterior keeps the first two moments' derivatives (assumed density; Minka 2001).
     pub fn bound(
         &mut self,
         (point, variance): (S::Vector, f32),
@@ -273,7 +273,7 @@ impl<S: Chart, const FACES: usize, const ROWS: usize, const PACKED: usize>
         // What a mixture would add of doubt is left out, and no more is taken than there is.
         let bend = math::max(math::min(bend, 0.0), -0.9 / total);
         self.joint.nudge(&mut self.mean, &self.gain, side * slope, bend);
-        math::ln(chance)
+        math::ln(chance / (1.0 - doubt))
     }
 
     /// Log density of planes `a` and `b` being the same, `None` when they are more than 20° apart.
@@ -282,7 +282,12 @@ impl<S: Chart, const FACES: usize, const ROWS: usize, const PACKED: usize>
         let displaced = |face: usize, first: usize| {
             self.planes[face].displaced(&self.mean[first..first + S::DIMENSION])
         };
-        let rows = between::<S>(&displaced(a, first), &displaced(b, second))?;
+        let [of_a, of_b] = [displaced(a, first), displaced(b, second)];
+        let mut rows = between::<S>(&of_a, &of_b)?;
+        for (_, by_a, by_b) in rows.iter_mut().take(S::DIMENSION) {
+            *by_a = undisplaced::<S>(by_a, &self.planes[a], &of_a);
+            *by_b = undisplaced::<S>(by_b, &self.planes[b], &of_b);
+        }
         let (mut s, mut e) = ([[0.0; 3]; 3], [0.0; 3]);
         for (k, (apart, of_a, of_b)) in rows.iter().enumerate().take(S::DIMENSION) {
             e[k] = *apart;
@@ -326,7 +331,10 @@ const SAME: [f32; 2] = [1e-6, 1e-9];
 /// How far plane `q` is from `p` along each coordinate of `p`, and the derivatives of that by the
 /// coordinates of both.
 #[allow(clippy::type_complexity)]
-fn between<S: Chart>(p: &Plane<S>, q: &Plane<S>) -> Option<[(f32, S::Vector, S::Vector); 3]> {
+pub(super) fn between<S: Chart>(
+    p: &Plane<S>,
+    q: &Plane<S>,
+) -> Option<[(f32, S::Vector, S::Vector); 3]> {
     if !(p.normal.dot(q.normal) > 0.94) {
         return None;
     }
@@ -346,6 +354,20 @@ fn between<S: Chart>(p: &Plane<S>, q: &Plane<S>) -> Option<[(f32, S::Vector, S::
         }
     }
     Some(rows)
+}
+
+/// A derivative by the coordinates of a plane after its displacement as one by those before, in which the
+/// covariance is.
+pub(super) fn undisplaced<S: Chart>(
+    by: &S::Vector,
+    before: &Plane<S>,
+    after: &Plane<S>,
+) -> S::Vector {
+    let (old, new) = (across::<S>(before.normal), across::<S>(after.normal));
+    let last = S::DIMENSION - 1;
+    S::Vector::from_fn(|j| {
+        if j == last { by[last] } else { (0..last).map(|i| by[i] * new[i].dot(old[j])).sum() }
+    })
 }
 
 fn sparse<'a, T: Coordinates, V: Coordinates>(pose: &'a T, at: usize, plane: &'a V) -> Sparse<'a> {

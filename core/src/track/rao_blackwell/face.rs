@@ -83,8 +83,9 @@ impl<S: Space> Felt<S> {
         Felt {
             point: pose.untransform(contact.point),
             normal: contact.normal.map(|n| pose.unrotate(n)),
-            point_variance: contact.point_deviation * contact.point_deviation,
-            normal_variance: contact.normal_deviation * contact.normal_deviation,
+            // No fingertip is better, and single precision has no more.
+            point_variance: math::max(contact.point_deviation * contact.point_deviation, 1e-10),
+            normal_variance: math::max(contact.normal_deviation * contact.normal_deviation, 1e-4),
         }
     }
 }

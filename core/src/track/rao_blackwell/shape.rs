@@ -98,7 +98,7 @@ impl<S: Faceted, const FACES: usize> Shape<S, FACES> {
         }
         // The longest ago among those of a single contact: a wild one, as likely as not.
         let single = self.faces.iter_mut().filter(|f| f.contacts == 1 && f.touched != grasp);
-        if let Some(face) = single.min_by_key(|f| f.touched) {
+        if let Some(face) = single.max_by_key(|f| grasp.wrapping_sub(f.touched)) {
             *face = opened;
         }
         1

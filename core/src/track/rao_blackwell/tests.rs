@@ -238,6 +238,24 @@ fn a_seed_repeats_to_the_bit() {
 }
 
 #[test]
+fn contacts_of_an_ideal_sensor_leave_faces_finite() {
+    let mut filter = filter(3);
+    let ideal = |contact: &Contact<Planar>| Contact {
+        point_deviation: 1e-30,
+        normal_deviation: 1e-30,
+        ..*contact
+    };
+    for k in 0..3 {
+        let contacts: Vec<_> =
+            touch(&PlanarPose::IDENTITY, 0.001 * k as f32).iter().map(ideal).collect();
+        filter.update(Some(&PlanarPose::IDENTITY), view(&contacts));
+    }
+    for face in filter.shape().faces() {
+        assert!(face.centroid.is_finite() && face.normal.is_finite() && face.contacts > 2);
+    }
+}
+
+#[test]
 fn bad_contacts_are_counted_and_empty_grasps_only_predict() {
     let mut filter = filter(0);
     let empty = filter.update(None, view(&[]));
