@@ -88,7 +88,8 @@ impl<
             // New faces explain whatever is felt, where it is felt; what is likelier of no object at all is
             // not felt there.
             let touches = self.touches[..count].iter();
-            2 * wild > count || density < touches.map(|t| wild_of::<S>(t.directed)).sum()
+            2 * wild > count
+                || known < 2 && density < touches.map(|t| wild_of::<S>(t.directed)).sum()
         };
         if mapped && nowhere {
             return Outcome { lost: true, ..Outcome::default() };
