@@ -357,13 +357,14 @@ fn figures_are_numbers_and_pictures() {
 /// Mean distance ≤ 2.5 mm to the true triangle on every recording of real pushes.
 #[test]
 fn real_pushes_give_the_block() {
-    let Some(data) = tactile_host::data::folder() else {
-        eprintln!("skipped: no recordings in $TACTILE_DATA");
+    let folder = tactile_host::data::folder().map(|d| d.join("push")).filter(|d| d.is_dir());
+    let Some(folder) = folder else {
+        eprintln!("skipped: no push in $TACTILE_DATA");
         return;
     };
     let bench = Bench::new();
-    let recordings = tactile_host::experiment::push::recordings(&data.join("push"));
-    assert!(!recordings.is_empty(), "no pushes in {}", data.display());
+    let recordings = tactile_host::experiment::push::recordings(&folder);
+    assert!(!recordings.is_empty(), "no pushes in {}", folder.display());
     for file in recordings {
         let path = |p: &Path| p.display().to_string();
         let words = ["import", "push", &path(&file), "--poses", "truth", "-o", "p.jsonl"];
@@ -377,7 +378,18 @@ fn real_pushes_give_the_block() {
 #[test]
 fn help_shows_an_example_of_every_subcommand() {
     let bench = Bench::new();
-    for name in ["slam", "simulate", "import", "live", "replay", "inspect", "reproduce"] {
+    for name in [
+        "slam",
+        "simulate",
+        "import",
+        "live",
+        "replay",
+        "inspect",
+        "explore",
+        "localize",
+        "optimize",
+        "reproduce",
+    ] {
         let help = bench.does(&format!("{name} --help"));
         assert!(help.contains("Example"), "{name}");
     }

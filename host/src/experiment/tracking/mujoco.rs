@@ -334,12 +334,10 @@ mod tests {
 
     #[test]
     fn recordings_show_what_dead_reckoning_loses() {
-        let Some(data) = data::folder() else {
-            eprintln!("skipped: no recordings in $TACTILE_DATA");
-            return;
-        };
+        let Some(folder) = data::for_test("mujoco") else { return };
+        let data = folder.parent();
         let mut told = Vec::new();
-        let table = run(Some(&data), &selection("box_2d_s1"), |r| told.push(r.clone())).unwrap();
+        let table = run(data, &selection("box_2d_s1"), |r| told.push(r.clone())).unwrap();
         assert_eq!(told, table.rows);
         assert_eq!(table.rows.len(), 4);
         for rows in table.rows.chunks(2) {
@@ -349,7 +347,7 @@ mod tests {
             assert!(oracle.touched_mean_mm.unwrap() < 2.0, "{oracle}");
         }
         assert!(table.to_string().contains("1 recordings, 2D, clean"));
-        let error = run(Some(&data), &selection("anvil"), |_| ()).unwrap_err().to_string();
+        let error = run(data, &selection("anvil"), |_| ()).unwrap_err().to_string();
         assert!(error.contains("anvil"), "{error}");
     }
 }
