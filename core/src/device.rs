@@ -81,9 +81,9 @@ pub struct Vitals {
 
 /// A tracker that can live on a board.
 pub trait Onboard<S: WireSpace>: Tracker<S> {
-    /// Contacts the map can hold.
+    /// Contacts the map can hold; faces, where the tracker keeps only those.
     const MAP: usize;
-    /// Particles or hypotheses.
+    /// Particles, hypotheses or trajectories.
     const PARTICLES: usize;
     /// How it follows the object.
     const KIND: TrackerKind;

@@ -139,9 +139,9 @@ pub struct Hello {
     pub dimension: u8,
     /// Contacts, and as many free points, in one grasp.
     pub contacts: u16,
-    /// Contacts the map can hold.
+    /// Contacts the map can hold; faces, where the tracker keeps only those.
     pub map: u16,
-    /// Particles or hypotheses of the tracker.
+    /// Particles, hypotheses or trajectories of the tracker.
     pub particles: u16,
     /// Fingertip sensors that the board reads itself.
     pub fingers: u8,

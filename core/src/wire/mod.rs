@@ -54,7 +54,7 @@
 //!
 //! A host that knows better teaches the board: `Believe` replaces pose and covariance and forgets the
 //! faces, then one `Face` for each face it knows. The object frame is the host's from then on; the
-//! grasps are counted on. A board whose tracker has no faces refuses.
+//! grasps are counted on. A board with any other tracker than [`TrackerKind::Hypotheses`] refuses.
 //!
 //! # Fingertip sensors
 //!
