@@ -101,7 +101,8 @@ pub struct ExploreArgs {
     /// Who follows a moving object
     #[arg(long, value_enum, default_value_t = Kind::Automatic, requires = "moving")]
     tracker: Kind,
-    /// What corrects all poses together, after the tracker
+    /// What corrects all poses together, after the tracker; planes here from the third grasp on where all
+    /// that was felt lies on flat faces, else from the eighth
     #[arg(long, value_enum, default_value_t = graph::Kind::Planes, requires = "moving")]
     graph: graph::Kind,
     /// Let a board choose, by what it makes of the grasps itself: qemu, virtual or tcp:HOST:PORT as in
@@ -109,8 +110,10 @@ pub struct ExploreArgs {
     /// or variance-sum, one grasp at a time
     #[arg(long, value_name = "PORT", conflicts_with_all = ["batch", "lookahead", "cost"])]
     board: Option<Port>,
-    /// What the board runs: hypotheses or bootstrap
-    #[arg(long, value_enum, default_value_t = Kind::Hypotheses, requires = "board")]
+    /// What the board runs: hypotheses or bootstrap; the others foresee no contacts, so that they choose
+    /// nothing
+    #[arg(long, value_enum, default_value_t = Kind::Hypotheses, requires = "board",
+          hide_possible_values = true)]
     board_tracker: Kind,
     /// When enough is known: strict (90 % of the surface within 1.8 mm, and known to be), lenient
     /// (3 mm, deviation 2.5 mm), coverage:SHARE (a contact within 5 mm), gain:NATS (no touch promises

@@ -31,8 +31,10 @@ mod part;
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  tactile reproduce figure-2.7 --seeds 20 --out figures")]
 pub struct ReproduceArgs {
-    /// Which: a figure of the thesis, or one of ours; `all` are those that take minutes: not the tables of
-    /// chapters 3 and 4, the comparisons, nor the figures for which objects are tracked
+    /// Which: a figure of the thesis, or one of ours; `all` is what takes minutes: the figures of chapter 2,
+    /// those of chapter 4 but 4.4 and 4.5, push, and sensing of all three kinds. It leaves out chapter 3,
+    /// figures 4.4 and 4.5, the tables, shapes, tracking, tracking-calibration, mujoco, pose-graphs,
+    /// pose-graph-outliers, planning, calibration, memory, and solids and its kin
     #[arg(value_parser = PossibleValuesParser::new(names()))]
     name: String,
     /// How many seeds, from 0 on [default: 20; of tracking, tracking-calibration, table-4.2 and table-4.3

@@ -38,7 +38,8 @@ pub struct SimulateArgs {
     #[arg(long, value_name = "LENGTH,ANGLE", default_value = "1mm,5deg",
           value_parser = quantity::deviation, allow_hyphen_values = true)]
     contact_noise: Deviation,
-    /// Standard deviations of the slip between grasps, per axis of the object; of 0 the log says 0.1 mm and 0.06°
+    /// Standard deviations of the slip between grasps, per axis of the object; of 0 the log says 0.1 mm and
+    /// 0.06°. In space the default is more than the full noise of `reproduce tracking`, 10mm,11.5deg
     #[arg(long, value_name = "LENGTH,ANGLE", default_value = "10mm,20deg",
           value_parser = quantity::deviation, allow_hyphen_values = true)]
     motion_noise: Deviation,

@@ -1,5 +1,25 @@
-//! Experiments behind the figures we publish: one file per thesis figure or table, many seeds, the
-//! thesis' number beside ours.
+//! Experiments behind the figures we publish: many seeds, the thesis' number beside ours. Where
+//! `tactile reproduce NAME` is:
+//!
+//! | name | module |
+//! |---|---|
+//! | `figure-2.5` to `figure-2.15` but 2.13, a photograph | [`chapter2`] |
+//! | `figure-3.7` to `figure-3.9`, `figure-3.15`, `figure-3.16`, `figure-3.20`, `figure-3.21` | [`graphs`] |
+//! | `figure-3.11` to `figure-3.14` | [`chapter3`] |
+//! | `figure-4.1`, `figure-4.3`, `figure-4.6`, `figure-4.7` | [`chapter4`] |
+//! | `figure-4.2` | [`probing`] |
+//! | `figure-4.4`, `figure-4.5` | [`solids::figures`] |
+//! | `table-3.1` | [`localization`] |
+//! | `table-4.2`, `table-4.3` | [`exploration`] |
+//! | `shapes`, `calibration`, `memory`, `push`, `planning` | the module of that name |
+//! | `solids` and `solids-moving`; `solids-hand` | [`solids`]; [`solids::on_table`] |
+//! | `tracking`; `tracking-calibration` | [`tracking`]; [`tracking::consistency`] |
+//! | `mujoco` | [`tracking::mujoco`] |
+//! | `pose-graphs`; `pose-graph-outliers` | [`pose_graphs`]; [`outliers`] |
+//! | `sensing-wrench`, `sensing-electrodes`, `sensing-drift` | the modules of [`sensing`] |
+//!
+//! The others are shared: [`figure`] is what a figure comes as, [`touches`] are contacts at known poses,
+//! [`model`] are the shape models that are compared, [`proportion`] says how often something succeeded.
 
 pub mod calibration;
 pub mod chapter2;

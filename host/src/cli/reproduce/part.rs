@@ -20,7 +20,8 @@ use crate::graph;
 )]
 pub(super) struct PartArgs {
     /// Only objects (of mujoco: recordings, of pose-graphs: graphs) whose name holds this, such as ycb/ or
-    /// box; or, of shapes and tracking, any object as in simulate, also random:2,SEED or random:3,SEED
+    /// box; or, of shapes and tracking, any object as in simulate, also random:2,SEED or random:3,SEED. One
+    /// each time: names have commas
     #[arg(long, value_name = "OBJECT")]
     pub object: Vec<String>,
     /// The first seed [default: 0]
@@ -34,11 +35,14 @@ pub(super) struct PartArgs {
     #[arg(long, value_name = "N", value_delimiter = ',',
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1024))]
     pub contacts: Vec<usize>,
-    /// Of shapes: only these models, and auto [default: all]
+    /// Of shapes: only these models, and auto: gp, faces, thesis-se, thesis-tp, superquadric, nagata,
+    /// occupancy, cloud [default: all]
     #[arg(long, value_name = "MODEL", value_delimiter = ',', value_parser = shapes::model)]
     pub model: Vec<Model>,
-    /// Of tracking and mujoco: only these trackers; oracle (true poses), batch (the joint graph from those), bound
-    /// and odometry (none but the hand's) too; of table-4.3 and solids-moving: this one instead of those that suit the objects
+    /// Of tracking and mujoco: only this tracker, one each time: any of slam's; literal (the thesis' filter
+    /// as printed), ekf, ukf or manifold; oracle (true poses), batch (the joint graph from those), bound (not
+    /// of mujoco) or odometry (none but the hand's); of table-4.3 and solids-moving: this one of slam's
+    /// instead of those that suit the objects
     #[arg(long, value_name = "TRACKER")]
     pub tracker: Vec<Contender>,
     /// Of tracking, mujoco and table-4.3: what corrects the trackers' poses afterwards [default: none, of
