@@ -8,6 +8,7 @@ use super::{Felt, Notched, Wild};
 use crate::reference::Contact;
 use crate::sim::random::Random;
 use crate::space::Point;
+use crate::thin::evenly;
 
 /// Powers of the likelihood: as many, each as much lower than the last.
 const REPLICAS: usize = 8;
@@ -25,6 +26,11 @@ const SEED: u64 = 1;
 /// Nats by which points that touched nothing are less probable inside.
 const FREE: f64 = 4.0;
 
+/// Those that are asked at most, for each step that contacts allow asks them all; and how far from the box
+/// about the contacts, in parts of its length, for hardly a box that contacts make probable reaches farther.
+const ASKED: usize = 300;
+const ABOUT: f64 = 0.25;
+
 /// Deviation of the outer box's lengths before any contact, as a logarithm, from the diameter of the contacts.
 const SIZES: f64 = 0.6;
 
@@ -35,7 +41,8 @@ pub(super) const MIRRORED: f64 = 0.2;
 /// What every chain knows.
 pub(super) struct Chains<'a> {
     contacts: &'a [Contact],
-    free: &'a [Point],
+    /// At most [`ASKED`] of those about the contacts.
+    free: Vec<Point>,
     wild: Wild,
     /// Half the mean diagonal of the contacts' box, its middle (in the first frame), and their usual deviation.
     pub(super) radius: f64,
@@ -56,7 +63,7 @@ pub(super) struct Replica {
 impl<'a> Chains<'a> {
     pub(super) fn of(
         contacts: &'a [Contact],
-        free: &'a [Point],
+        free: &[Point],
         wild: Wild,
         start: &Notched,
     ) -> Chains<'a> {
@@ -66,6 +73,15 @@ impl<'a> Chains<'a> {
             / (start.dimension as f64).sqrt();
         let middle = Point::from_fn(|axis, _| 0.5 * (start.outer[axis][0] + start.outer[axis][1]));
         let deviation = median(contacts.iter().map(|c| c.point_deviation).collect());
+        let is_about = |point: &&Point| {
+            let seen = start.seen(point);
+            (0..start.dimension).all(|axis| {
+                let ([low, high], reach) = (start.outer[axis], ABOUT * start.size(axis));
+                (low - reach..high + reach).contains(&seen[axis])
+            })
+        };
+        let about: Vec<Point> = free.iter().filter(is_about).copied().collect();
+        let free = evenly(&about, ASKED);
         Chains { contacts, free, wild, radius, middle, deviation, random }
     }
 
@@ -128,9 +144,11 @@ impl<'a> Chains<'a> {
     /// Log probability of the contacts, and of the points that touched nothing; `None` below `least`, or where there is
     /// no such box.
     fn likelihood(&self, solid: &Folded, felt: &[Felt], least: f64) -> Option<f64> {
+        // Contacts first: after a few of them most boxes are known not to be likely enough.
+        let likelihood = solid.likelihood(felt, &self.wild, least)?;
         let inside = self.free.iter().filter(|point| solid.contains(point)).count();
-        let free = FREE * inside as f64;
-        Some(solid.likelihood(felt, &self.wild, least + free)? - free)
+        let likelihood = likelihood - FREE * inside as f64;
+        (likelihood >= least).then_some(likelihood)
     }
 
     /// Log probability before any contact.
@@ -145,5 +163,37 @@ impl<'a> Chains<'a> {
         }
         let inner = solid.part.sides().into_iter().filter(|side| side.notch.is_some());
         prior - inner.map(|side| solid.part.size(side.axis).ln()).sum::<f64>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::RARE;
+    use super::*;
+
+    #[test]
+    fn of_many_free_points_few_about_the_contacts_are_asked() {
+        let start = Notched {
+            dimension: 2,
+            frame: nalgebra::Rotation3::identity(),
+            middle: Point::zeros(),
+            outer: [[0.0, 0.1], [0.0, 0.08], [0.0, 0.06]],
+            notches: vec![],
+        };
+        let row = |y: f64| (0..10_000).map(move |i| Point::new(1e-5 * f64::from(i), y, 0.0));
+        let [inside, beside, away] = [0.04, 0.09, 0.11].map(row);
+        let free: Vec<Point> = inside.chain(beside).chain(away).collect();
+        let chains = Chains::of(&[], &free, RARE, &start);
+        assert_eq!(chains.free.len(), ASKED);
+        assert!(chains.free.iter().all(|point| point.y < 0.1));
+        // Few are all asked, and as many nats are what they cost inside.
+        let [open, closed] = [&free[..0], &free[..7]].map(|free| {
+            let chains = Chains::of(&[], free, RARE, &start);
+            chains.likelihood(&Folded::of(&start), &[], f64::NEG_INFINITY).unwrap()
+        });
+        // The first lies on a side.
+        assert!((open - closed - 6.0 * FREE).abs() < 1e-9, "{open} {closed}");
+        let chains = Chains::of(&[], &free[..7], RARE, &start);
+        assert!(chains.likelihood(&Folded::of(&start), &[], closed + 1.0).is_none());
     }
 }
