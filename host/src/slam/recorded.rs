@@ -24,7 +24,7 @@ use crate::thin::evenly;
 use crate::view::growth::{Grown, grow};
 use crate::view::mcap;
 use crate::view::scene::{Grasp, Meta, Scene, Surface};
-use crate::view::timeline::Timeline;
+use crate::view::timeline::{Timeline, is_lost};
 
 /// Contacts that the surface of a recording is fitted to at most, in the plane and in space.
 const CONTACTS: [usize; 2] = [300, 200];
@@ -364,7 +364,7 @@ fn placed_contacts(placed: &mut Vec<Placed>, at: usize, grasp: &Grasp, noise: &N
     let (point_deviation, normal_deviation) = usual_deviations(noise);
     let Some([x, y, z, qx, qy, qz, qw]) = grasp.pose else { return };
     // A lost grasp says nothing about the shape.
-    if grasp.status == Some("lost") {
+    if is_lost(grasp) {
         return;
     }
     let turn = UnitQuaternion::new_normalize(Quaternion::new(qw, qx, qy, qz));

@@ -7,7 +7,7 @@ use super::*;
 use crate::link::session::settings_for;
 use crate::link::{Patience, Recorder, Session, virtual_board};
 use crate::log::GraspLog;
-use crate::view::scene::{Seven, seven};
+use crate::view::scene::{Packed, Seven, seven};
 
 fn bundled() -> GraspLog {
     let text = include_str!("../../assets/bundled.jsonl");
@@ -133,6 +133,37 @@ fn a_recording_becomes_a_film_with_its_surface_growing() {
     match Recorded::film(&path, Full, &|_, _| ()) {
         Err(FilmError::Film(error)) => assert_eq!(error.kind(), io::ErrorKind::StorageFull),
         other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn grasps_that_were_lost_among_very_many_take_no_others_along() {
+    let grasp = |number: u64| {
+        let is_lost = number % 20 == 7;
+        // What a lost one felt is far away.
+        let x = if is_lost { 9.0 } else { 0.05 };
+        Grasp {
+            grasp: number,
+            merged: 1,
+            pose: Some(seven(&Pose::identity())),
+            status: Some(if is_lost { "lost" } else { "tracking" }),
+            touched: 1,
+            contacts: Packed(vec![x, 0.0, 0.0, 1.0, 0.0, 0.0]),
+            fingers: Packed(vec![0]),
+            ..Grasp::default()
+        }
+    };
+    for count in [200, 20_000] {
+        let mut timeline = Timeline::default();
+        (0..count).for_each(|number| timeline.push(grasp(number)));
+        let (grasps, mut placed) = (timeline.into_grasps(), Vec::new());
+        for (at, grasp) in grasps.iter().enumerate() {
+            placed_contacts(&mut placed, at, grasp, &Noise::default());
+        }
+        let mut felt: Vec<usize> = placed.iter().map(|p| p.grasp).collect();
+        felt.dedup();
+        assert!(20 * felt.len() >= 19 * grasps.len(), "{} of {}", felt.len(), grasps.len());
+        assert!(placed.iter().all(|p| p.contact.point.x < 0.1));
     }
 }
 

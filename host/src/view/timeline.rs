@@ -82,12 +82,29 @@ impl Timeline {
     }
 }
 
+/// Whether nobody knows where the object was. Several grasps that became one show that one of them was lost,
+/// but nothing that it felt.
+pub fn is_lost(grasp: &Grasp) -> bool {
+    grasp.merged <= 1 && grasp.status == Some("lost")
+}
+
+/// Nothing felt, where it says nothing about the shape and would not be told from what does.
+fn forget_lost(grasp: &mut Grasp) {
+    if is_lost(grasp) {
+        grasp.contacts.0.clear();
+        grasp.fingers.0.clear();
+        grasp.free.0.clear();
+    }
+}
+
 fn size(grasp: &Grasp) -> usize {
     grasp.fingers.0.len() + grasp.free.0.len() / 3
 }
 
 /// Appends `second` to `first`. What `first` felt moves along with the object to where `second` has it.
-fn join(first: &mut Grasp, second: Grasp, share: usize) {
+fn join(first: &mut Grasp, mut second: Grasp, share: usize) {
+    forget_lost(first);
+    forget_lost(&mut second);
     let moved = match (&first.pose, &second.pose) {
         (Some(before), Some(after)) => pose(after).zip(pose(before)).map(|(a, b)| a * b.inverse()),
         _ => None,
@@ -177,7 +194,7 @@ mod tests {
             merged: 1,
             time: Some(0.005 * x),
             pose: Some(seven(&planar(x, 0.0, 0.0))),
-            status: Some(if number == 3 { "lost" } else { "tracking" }),
+            status: Some(if number % 20 == 3 { "lost" } else { "tracking" }),
             touched: contacts as u64,
             contacts: Packed((0..contacts).flat_map(on_object).collect()),
             fingers: Packed((0..contacts).map(|i| i as u8).collect()),
@@ -209,6 +226,8 @@ mod tests {
         // The one that was lost is still to be seen.
         assert_eq!(grasps[0].status, Some("lost"));
         for g in &grasps {
+            // Of one that was lost, the others are.
+            assert!(!g.contacts.0.is_empty() && !is_lost(g));
             assert_eq!(g.contacts.0.len(), 6 * g.fingers.0.len());
             let x = g.pose.unwrap()[0] as f32;
             for (contact, finger) in g.contacts.0.chunks(6).zip(&g.fingers.0) {
