@@ -191,8 +191,13 @@ pub fn known(faces: &Faces, contacts: &[Contact], free: &[Point]) -> Option<Poly
     }
     let polytope = close(faces, contacts, free).ok()?;
     let felt = contacts.iter().filter(|c| c.normal.is_some()).count();
-    let lost = unexplained(faces, &polytope, contacts);
-    (lost as f64 <= UNEXPLAINED * felt as f64).then_some(polytope)
+    let is_explained = |contacts: &[Contact]| {
+        unexplained(faces, &polytope, contacts) as f64 <= UNEXPLAINED * felt as f64
+    };
+    // With the second chance that they have when they are judged.
+    let is_explained =
+        is_explained(contacts) || slackened(contacts).is_some_and(|slack| is_explained(&slack));
+    is_explained.then_some(polytope)
 }
 
 /// Those that are marked.
@@ -252,17 +257,34 @@ pub fn judge(
     contacts: &[Contact],
     free: &[Point],
 ) -> Result<(Faces, Polytope), Refusal> {
-    let first = examine(dimension, contacts, free);
-    if first.is_ok() || !are_exact(contacts) {
-        return first;
+    judged(dimension, contacts, free).map(|(object, _)| object)
+}
+
+/// The same, and the contacts with the deviations that they had when it was.
+fn judged(
+    dimension: usize,
+    contacts: &[Contact],
+    free: &[Point],
+) -> Result<((Faces, Polytope), Vec<Contact>), Refusal> {
+    let refusal = match examine(dimension, contacts, free) {
+        Ok(object) => return Ok((object, contacts.to_vec())),
+        Err(refusal) => refusal,
+    };
+    let Some(slack) = slackened(contacts) else { return Err(refusal) };
+    match examine(dimension, &slack, free) {
+        Ok(object) => Ok((object, slack)),
+        Err(_) => Err(refusal),
     }
+}
+
+/// Contacts that are said to be very exact, as exact as something real may suit them; `None` of others.
+fn slackened(contacts: &[Contact]) -> Option<Vec<Contact>> {
     let slack = |c: &Contact| Contact {
         point_deviation: c.point_deviation * SLACK,
         normal_deviation: c.normal_deviation * SLACK,
         ..*c
     };
-    let contacts: Vec<Contact> = contacts.iter().map(slack).collect();
-    examine(dimension, &contacts, free).or(first)
+    are_exact(contacts).then(|| contacts.iter().map(slack).collect())
 }
 
 fn examine(

@@ -240,6 +240,35 @@ fn exact_contacts_on_a_not_quite_exact_object_get_slack() {
 }
 
 #[test]
+fn exact_contacts_that_got_slack_are_not_wild_without_it() {
+    // Said to be exact to 0.1 mm and 1°, which one in the middle of each side is not to 0.7 mm and 6°.
+    let each = 11;
+    let exact = |(i, c): (usize, Contact)| {
+        let normal = c.normal.unwrap_or_default();
+        let on = c.point - normal * (5e-4 * (7.0 * i as f64).sin());
+        let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
+        let is_off = i % each == each / 2;
+        let (off, turn) = if is_off { (7e-4, 0.105 * sign) } else { (5e-5 * sign, 0.0) };
+        let across = Point::new(-normal.y, normal.x, 0.0);
+        Contact {
+            point: on + normal * off,
+            normal: Some((normal + across * turn).normalize()),
+            point_deviation: 1e-4,
+            normal_deviation: 0.0175,
+        }
+    };
+    let contacts: Vec<Contact> =
+        along(&RECTANGLE, each).into_iter().enumerate().map(exact).collect();
+    assert!(examine(2, &contacts, &[]).is_err());
+    let ((faces, polytope), slack) = judged(2, &contacts, &[]).unwrap();
+    assert!(slack.iter().all(|c| c.point_deviation > 2.9e-4));
+    let Geometry::Outline(outline) = polytope.geometry else { panic!() };
+    assert!((outline.area() - 0.0072).abs() < 1e-4, "{}", outline.area());
+    assert_eq!(trusted(&faces, &contacts, &[]), [true; 44]);
+    assert!(known(&faces, &contacts, &[]).is_some());
+}
+
+#[test]
 fn where_every_contact_makes_its_own_face_is_curved() {
     let circle: Vec<[f64; 2]> = (0..12)
         .map(|i| (f64::from(i) * 30f64.to_radians() + 0.2).sin_cos())

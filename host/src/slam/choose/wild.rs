@@ -1,6 +1,6 @@
 //! Contacts that lie on no side, though sides were touched often: of something else, or of a sensor that failed.
 
-use super::{Refusal, judge, lost, only, polytope};
+use super::{Refusal, judge, judged, lost, only, polytope};
 use crate::model::faces::{Faces, Owner};
 use crate::reference::Contact;
 use crate::space::Point;
@@ -98,7 +98,7 @@ impl Sift<'_> {
             }
             let others = only(contacts, &trusted);
             let is_often = often(&others, faces.faces.len());
-            let (found, polytope) = match judge(faces.dimension, &others, free) {
+            let ((found, polytope), others) = match judged(faces.dimension, &others, free) {
                 Ok(_) if !is_often && believed.is_none() => {
                     let is_none = judge(faces.dimension, contacts, free).is_err();
                     return Some(if is_none { trusted } else { vec![true; contacts.len()] });
@@ -112,7 +112,7 @@ impl Sift<'_> {
                     if believed.is_none() =>
                 {
                     let Ok(object) = polytope(faces.dimension, &others, free) else { break };
-                    object
+                    (object, others)
                 }
                 Err(_) => break,
             };
