@@ -100,8 +100,9 @@ impl Mirrored {
     pub fn suits(&self, mirrored: &Geometry, alone: &Geometry) -> bool {
         // As many as the evidence is of.
         let contacts = (self.contacts.len() >> self.mirrors.len()).min(DECIDING);
-        let price = contacts as f64 * (mirrored.size() / alone.size()).ln();
-        self.evidence - price > SURE
+        let (mirrored, alone) = (mirrored.size(), alone.size());
+        let price = contacts as f64 * (mirrored / alone).ln();
+        mirrored > 0.0 && alone > 0.0 && self.evidence - price > SURE
     }
 }
 

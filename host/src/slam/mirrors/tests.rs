@@ -1,6 +1,6 @@
 use super::*;
 use crate::model::mirror::images;
-use crate::shape::{align, metrics};
+use crate::shape::{Outline, align, metrics};
 use crate::sim::ObjectSpec;
 use crate::slam::choose::{Choice, judge};
 use crate::slam::fit::tests::touched;
@@ -119,6 +119,8 @@ fn images_cost_what_they_add() {
     let suits = |price: f64| felt.suits(&rectangle((price / 25.0).exp()), &alone);
     assert!(suits(felt.evidence - SURE - 0.1));
     assert!(!suits(felt.evidence - SURE + 0.1));
+    let nothing = Geometry::Outline(Outline { loops: vec![] });
+    assert!(!felt.suits(&nothing, &alone) && !felt.suits(&alone, &nothing));
 }
 
 #[test]
