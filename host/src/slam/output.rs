@@ -60,7 +60,7 @@ pub struct Outcome {
     pub choices: Vec<scene::Choice>,
     /// Everything the picture shows, in one frame.
     summary: Summary,
-    /// Seconds of each grasp, or its number where the log has no times.
+    /// Seconds of each grasp, or its number where the log does not have all times.
     times: Vec<f64>,
 }
 
@@ -124,9 +124,15 @@ pub fn conclude(
         seconds: &seconds,
     });
     let summary = summarise(provenance.title, &report, &grasps, &reconstruction, truth);
-    let times = log.grasps.iter().map(|g| g.time.unwrap_or(g.index as f64)).collect();
+    let times = times(log);
     let graph = odometry_graph(log, &steps);
     Ok(Outcome { report, reconstruction, steps, graph, choices: Vec::new(), summary, times })
+}
+
+/// Seconds of each grasp; the numbers of all where one has none, for both together would run backwards.
+fn times(log: &GraspLog) -> Vec<f64> {
+    let times: Option<Vec<f64>> = log.grasps.iter().map(|g| g.time).collect();
+    times.unwrap_or_else(|| log.grasps.iter().map(|g| g.index as f64).collect())
 }
 
 /// Log and poses side by side.
@@ -388,5 +394,22 @@ impl Outcome {
         }
         let shapes = SHAPES.map(|name| folder.join(name));
         shapes.iter().filter(|path| !written.contains(path)).try_for_each(|path| remove(path))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn where_one_time_is_missing_the_trajectory_does_not_run_backwards() {
+        let text = include_str!("../../assets/bundled.jsonl");
+        let mut log = GraspLog::parse(text.as_bytes(), "bundled".as_ref()).unwrap();
+        for (k, grasp) in log.grasps.iter_mut().enumerate() {
+            grasp.time = Some(1e3 + 0.25 * k as f64);
+        }
+        assert_eq!(times(&log)[1], 1000.25);
+        log.grasps[4].time = None;
+        assert_eq!(times(&log), (0..10).map(f64::from).collect::<Vec<_>>());
     }
 }
