@@ -309,15 +309,16 @@ pub fn fit_experts(dimension: usize, contacts: &[Contact]) -> Result<(Kernel, Ex
     let deciding = evenly(contacts, DECIDING);
     // The search replaces both numbers of the family.
     let family = Kernel::Matern32 { amplitude: radius, lengthscale: radius };
-    let search = Search::default();
+    let search = usual(dimension, &deciding);
     let found = search.run(dimension, family, prior, Training::Derivative, &deciding, radius)?;
-    let mut noise: Vec<f64> = contacts.iter().map(|c| c.point_deviation * found.noise).collect();
+    let factor = found.noise * exactness(dimension, contacts);
+    let mut noise: Vec<f64> = contacts.iter().map(|c| c.point_deviation * factor).collect();
     noise.sort_by(f64::total_cmp);
     let usual = noise.get(noise.len() / 2).copied().unwrap_or_default();
     let settings = experts::Settings::new(dimension, found.kernel, prior, usual);
     let mut experts = Experts::new(settings)?;
     for contact in contacts {
-        experts.insert(&contact.with_noise(found.noise))?;
+        experts.insert(&contact.with_noise(factor))?;
     }
     Ok((found.kernel, experts))
 }

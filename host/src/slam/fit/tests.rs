@@ -251,6 +251,21 @@ fn contacts_on_one_side_leave_the_other_open() {
 }
 
 #[test]
+fn local_experts_are_as_sure_as_one_dense_process() {
+    let (dimension, contacts, truth) = touched("ellipse:0.1x0.06", 60, 3000);
+    let (kernel, experts) = fit_experts(dimension, &contacts).unwrap();
+    let Some(prior @ Prior::Ball { radius, .. }) = Prior::fitted(&contacts) else { panic!() };
+    let (search, train) = (usual(dimension, &contacts), Training::Derivative);
+    let found = search.run(dimension, kernel, prior, train, &contacts, radius).unwrap();
+    let noisy = noisy(&contacts, found.noise * exactness(dimension, &contacts));
+    let dense = Gpis::fit(dimension, found.kernel, prior, train, &noisy).unwrap();
+    let mean = |variances: Vec<f64>| variances.iter().map(|v| v.sqrt()).sum::<f64>();
+    let ratio = mean(experts.variances(&truth)) / mean(dense.variances(&truth));
+    // Less without what normals have exactly.
+    assert!((0.95..1.1).contains(&ratio), "{ratio}");
+}
+
+#[test]
 fn any_contacts_have_a_finite_answer() {
     let (_, contacts, truth) = touched("cylinder:0.05x0.08", 12, 3000);
     let same = vec![contacts[0]; 5];
