@@ -245,7 +245,11 @@ pub fn simpler(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<
     let weighed = simple.into_par_iter().filter_map(|body| Some((evidence(body.clone())?, body)));
     let (most, body) =
         weighed.filter(|(evidence, _)| evidence.is_finite()).max_by(|a, b| a.0.total_cmp(&b.0))?;
-    evidence(flat).filter(|flat| most > flat + faces.order).map(|_| body)
+    // What speaks for it grows with the contacts: of as many as the rest was weighed by.
+    let are_fewer = judging.len() < contacts.len();
+    let fewer = are_fewer.then(|| fitted(dimension, &judging).ok()).flatten();
+    let order = fewer.map_or(faces.order, |fewer| fewer.order);
+    evidence(flat).filter(|flat| most > flat + order).map(|_| body)
 }
 
 /// How many flat ends a body has.
