@@ -8,6 +8,7 @@
 
 pub mod blend;
 pub mod choose;
+mod extraction;
 pub mod fit;
 pub mod free;
 pub mod gauge;

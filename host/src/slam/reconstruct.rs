@@ -10,11 +10,12 @@ use crate::model::notched::Found;
 use crate::model::{Doubt, Faces, Mirror, bare};
 use crate::reference::Contact;
 use crate::reference::gpis::Error as SurfaceError;
+use crate::shape::Geometry;
 use crate::shape::lattice::LatticeError;
 use crate::shape::polytope::{FAR, Polytope, intersection, solid};
-use crate::shape::{Field, Geometry, contour, surface};
 use crate::slam::Progress;
 use crate::slam::choose::{self, Choice, Model, Refusal, only};
+pub use crate::slam::extraction::{extract, extract_at};
 use crate::slam::fit::{self, Fitted, fit_experts, open_beside};
 use crate::slam::free::Free;
 use crate::slam::mirrors::Mirrored;
@@ -97,11 +98,6 @@ pub enum Error {
     Lattice(#[from] LatticeError),
 }
 
-/// Lattice cells across the contacts' bounding box: a millimetre on a 120 mm outline, three on a
-/// mesh.
-const PLANAR_CELLS: f64 = 120.0;
-const SPATIAL_CELLS: f64 = 40.0;
-
 /// Contacts that decide about faces at most, and that they are fitted to: the effort grows with the
 /// number of faces found, and each plane is known to a tenth of the noise by then.
 const FACED: usize = 1_000;
@@ -111,9 +107,6 @@ const NOTCHED: usize = 80;
 
 /// Contacts that may make a side between them though they are wild.
 const PAIR: usize = 2;
-
-/// Contacts that say at most which part of a zero set was touched.
-const VOTING: usize = 2_000;
 
 /// Deviations by which a free point may lie inside.
 const SURELY: f64 = 2.0;
@@ -487,60 +480,6 @@ fn is_open(sides: &Faces, free: &[Free]) -> bool {
     let is_outside =
         |f: &Free| sides.active(&f.point).is_none_or(|(value, _)| value > -SURELY * f.deviation);
     free.iter().all(is_outside)
-}
-
-/// The touched part of the zero set, in a box about the contacts that grows until it holds it.
-///
-/// # Errors
-/// Without contacts, or when the contacts span no usable volume.
-pub fn extract(
-    dimension: usize,
-    field: &dyn Field,
-    contacts: &[Contact],
-) -> Result<(Geometry, Vec<f64>), Error> {
-    let cells = if dimension == 2 { PLANAR_CELLS } else { SPATIAL_CELLS };
-    extract_at(dimension, field, contacts, cells)
-}
-
-/// As [`extract`], with so many lattice cells across the contacts' bounding box.
-///
-/// # Errors
-/// As [`extract`].
-pub fn extract_at(
-    dimension: usize,
-    field: &dyn Field,
-    contacts: &[Contact],
-    cells: f64,
-) -> Result<(Geometry, Vec<f64>), Error> {
-    let points: Vec<Point> = contacts.iter().map(|c| c.point).collect();
-    let Some(&first) = points.first() else { return Err(Error::NoContacts) };
-    let low = points.iter().fold(first, |low, p| low.inf(p));
-    let high = points.iter().fold(first, |high, p| high.sup(p));
-    // As large as what few contacts may leave out, which their noise says.
-    let noise = contacts.iter().map(|c| c.point_deviation).fold(f64::INFINITY, f64::min);
-    let size = (high - low).amax().max((10.0 * noise).clamp(1e-4, 0.01));
-    let voters: Vec<Point> = evenly(contacts, VOTING).iter().map(|c| c.point).collect();
-    let mut margin = 0.3 * size;
-    loop {
-        let reach = Point::repeat(margin);
-        let bounds = (low - reach, high + reach);
-        let spacing = size / cells;
-        let last = margin > size;
-        if dimension == 2 {
-            let contour = contour::extract(field, bounds, spacing)?;
-            if last || !contour.clipped {
-                let contour = contour.touched(&voters);
-                return Ok((Geometry::Outline(contour.outline), contour.deviations));
-            }
-        } else {
-            let surface = surface::extract(field, bounds, spacing)?;
-            if last || !surface.clipped {
-                let surface = surface.touched(&voters);
-                return Ok((Geometry::Mesh(surface.mesh), surface.deviations));
-            }
-        }
-        margin *= 2.0;
-    }
 }
 
 impl Reconstruction {
