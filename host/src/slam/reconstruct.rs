@@ -383,22 +383,26 @@ pub(crate) fn are_boxes(dimension: usize, contacts: &[Contact]) -> bool {
     sift::boxes(dimension, &evenly(contacts, NOTCHED), &[]).is_some()
 }
 
-/// A box less smaller boxes, where one suits the contacts or of `all` those that are not wild, and those that it suits.
+/// A box less smaller boxes, made of few, where one suits the contacts or of `all` those that are not wild;
+/// and all that it suits, as many as say how sure it is.
 fn notched(
     dimension: usize,
     contacts: &[Contact],
     all: &[Contact],
     free: &[Point],
 ) -> Option<(Polytope, Vec<Contact>)> {
-    let contacts = evenly(contacts, NOTCHED);
-    let strict = Found::of(dimension, &contacts, free).map(|found| (found, contacts));
-    let (found, contacts) = strict.or_else(|| {
-        let all = evenly(all, NOTCHED);
-        let (found, trusted) = sift::boxes(dimension, &all, free)?;
-        Some((found, only(&all, &trusted)))
-    })?;
-    let polytope = solid(&found.faces, &contacts, |point| found.solid.contains(point))?;
-    Some((polytope, contacts))
+    let made = |found: Found, few: &[Contact]| {
+        solid(&found.faces, few, |point| found.solid.contains(point))
+    };
+    let few = evenly(contacts, NOTCHED);
+    if let Some(found) = Found::of(dimension, &few, free) {
+        return Some((made(found, &few)?, contacts.to_vec()));
+    }
+    let few = evenly(all, NOTCHED);
+    let (found, trusted) = sift::boxes(dimension, &few, free)?;
+    let polytope = made(found, &only(&few, &trusted))?;
+    let suited = all.iter().filter(|c| polytope.off(c) <= FAR).copied().collect();
+    Some((polytope, suited))
 }
 
 /// Faces that show a hollow, or those of the contacts and their images, if these suit and are no more: of two that are
