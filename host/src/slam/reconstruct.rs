@@ -111,6 +111,9 @@ const PAIR: usize = 2;
 /// Deviations by which a free point may lie inside.
 const SURELY: f64 = 2.0;
 
+/// Deviation of a free point, in those of contacts, above which it says nothing of faces.
+const VAGUE: f64 = 3.0;
+
 /// Contacts that a dense Gaussian process takes at most in the plane and in space; more make local
 /// experts, which are as accurate and from there on faster.
 const DENSE: [usize; 2] = [800, 400];
@@ -175,7 +178,7 @@ fn of_known(
     progress: Progress<'_>,
 ) -> Result<Shape, Error> {
     let dimension = faces.dimension;
-    let outside = outside(free);
+    let outside = outside(all, free);
     let trusted = choose::trusted(faces, all, &outside);
     let contacts = only(all, &trusted);
     let are_all = || contacts.len() == all.len() && choose::judge(dimension, all, &outside).is_ok();
@@ -272,7 +275,7 @@ fn among_wild(
     poses: Poses,
     progress: Progress<'_>,
 ) -> Result<Shape, Error> {
-    let outside = outside(free);
+    let outside = outside(contacts, free);
     if !is_dense(dimension, contacts) {
         let felt = Felt { contacts, all: Some(contacts), free };
         return shape_of(dimension, felt, &|| None, poses, Choice::Auto, progress);
@@ -321,7 +324,7 @@ fn shape_of(
 ) -> Result<Shape, Error> {
     let Felt { contacts, all, free } = felt;
     let boxes = || {
-        let (polytope, trusted) = notched(dimension, contacts, all?, &outside(free))?;
+        let (polytope, trusted) = notched(dimension, contacts, all?, &outside(contacts, free))?;
         Some(Shape::flat(polytope, vec![]).doubted(open_beside(dimension, &trusted, free)))
     };
     let are_first = all.is_some() && are_boxes_first(dimension, contacts);
@@ -456,7 +459,7 @@ fn faced(
     choice: Choice,
 ) -> Result<Option<Polytope>, Error> {
     let few = evenly(contacts, FACED);
-    let outside = outside(free);
+    let outside = outside(&few, free);
     let own = match choice {
         Choice::Auto => {
             let Ok((faces, own)) = choose::judge(dimension, &few, &outside) else {
@@ -474,9 +477,14 @@ fn faced(
     Ok(Some(known().unwrap_or(own)))
 }
 
-/// Where they are.
-fn outside(free: &[Free]) -> Vec<Point> {
-    free.iter().map(|f| f.point).collect()
+/// Where they are, without those in more doubt than contacts usually are by [`VAGUE`]: what weighs points
+/// beside faces takes each for as certain as a contact, and those of one grasp at a doubtful pose, wrong
+/// together, would outweigh many.
+fn outside(contacts: &[Contact], free: &[Free]) -> Vec<Point> {
+    let mut deviations: Vec<f64> = contacts.iter().map(|c| c.point_deviation).collect();
+    deviations.sort_by(f64::total_cmp);
+    let usual = deviations.get(deviations.len() / 2).copied().unwrap_or(f64::INFINITY);
+    free.iter().filter(|f| f.deviation <= VAGUE * usual).map(|f| f.point).collect()
 }
 
 /// Whether no free point lies surely behind all these sides.

@@ -32,3 +32,18 @@ fn a_wild_contact_without_a_normal_makes_no_bump() {
     };
     assert!(reach(0.0) < 1.5e-3 && reach(8e-3) < 1.5e-3, "{} {}", reach(0.0), reach(8e-3));
 }
+
+#[test]
+fn free_points_in_more_doubt_than_contacts_say_nothing_of_faces() {
+    let contacts = bare_ball(0.0);
+    let free = |millimetres: f64| Free { point: Point::x(), deviation: 1e-3 * millimetres };
+    let count = |times: f64, free: &[Free]| {
+        let doubt = |c: &Contact| Contact { point_deviation: times * c.point_deviation, ..*c };
+        let contacts: Vec<Contact> = contacts.iter().map(doubt).collect();
+        outside(&contacts, free).len()
+    };
+    assert_eq!(count(1.0, &[free(1.0), free(5.0)]), 1);
+    // Where all poses are as doubtful, so are the contacts.
+    assert_eq!(count(5.0, &[free(1.0), free(5.0)]), 2);
+    assert!(outside(&[], &[free(5.0)]).len() == 1);
+}
