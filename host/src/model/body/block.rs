@@ -5,7 +5,7 @@ use std::f64::consts::FRAC_PI_2;
 use nalgebra::{DVector, Rotation2, Rotation3};
 
 use super::end::{Side, USUAL};
-use super::fit::{Felt, Fit, Problem, Round, STEPS, TRIAL};
+use super::fit::{Felt, Fit, MISFIT, Problem, Round, STEPS, TRIAL};
 use super::{Body, Part, Plane};
 use crate::model::Faces;
 use crate::reference::Contact;
@@ -152,15 +152,19 @@ impl Block {
             let felt = offsets.iter().find(|(other, _)| *other == place);
             felt.map_or_else(|| outermost(place), |(_, offset)| *offset)
         };
-        let width =
-            |axis: usize| known(Place { axis, way: 1.0 }) + known(Place { axis, way: -1.0 });
+        // No thinner than any body fits: contacts all at one height would leave it no surface.
+        let width = |axis: usize| {
+            let [one, other] = [1.0, -1.0].map(|way| known(Place { axis, way }));
+            (one + other).max(MISFIT.0)
+        };
         for (place, _) in self.places().filter(|(_, is_felt)| !is_felt) {
             let across: Vec<f64> =
                 (0..self.dimension).filter(|axis| *axis != place.axis).map(width).collect();
             // Of a round body whose ends are as large a part of its surface.
             let radius = across.iter().map(|width| width.recip()).sum::<f64>().recip();
-            let low = -known(Place { way: -place.way, ..place });
-            let side = Side { radius, widening: 0.0, low, high: outermost(place), pointed: 1.0 };
+            let high = outermost(place);
+            let low = high.min(-known(Place { way: -place.way, ..place }));
+            let side = Side { radius, widening: 0.0, low, high, pointed: 1.0 };
             let Some((end, deviation)) = side.end(problem.felt().len(), 0.0) else { continue };
             if let Some(plane) = problem.placed_plane(self.normal(numbers, place), end) {
                 body.end(plane, deviation * problem.radius());
@@ -299,6 +303,25 @@ mod tests {
             let many = on.map(|ways| ways.map(|count| 6 * count));
             let body = block(dimension, &touched(dimension, many)).unwrap();
             assert!(body.value(&(Point::x() * (HALF[0] + 0.008))) > 0.0);
+        }
+    }
+
+    #[test]
+    fn contacts_at_one_height_leave_a_block_its_thickness() {
+        let doubt =
+            |body: &Body, p: Point| body.modes(&p).iter().map(|m| m.0 * m.0).sum::<f64>().sqrt();
+        let side = block(2, &touched(2, [[3, 0], [0; 2], [0; 2]])).unwrap();
+        assert_eq!(side.parts().len(), 4);
+        let within = |deep: f64| Point::x() * (HALF[0] - deep);
+        assert!(side.value(&within(5e-3)) < 0.0 && side.value(&within(0.08)) > 0.0);
+        assert!(doubt(&side, within(0.03)) > 5e-3);
+        let level = touched(3, [[3, 0], [3, 0], [0; 2]]);
+        let flat = |c: &Contact| Contact { point: Point::new(c.point.x, c.point.y, 0.0), ..*c };
+        let level = block(3, &level.iter().map(flat).collect::<Vec<_>>()).unwrap();
+        assert_eq!(level.parts().len(), 6);
+        for up in [Point::z(), -Point::z()] {
+            assert!(level.value(&(up * 5e-3)) < 0.0 && level.value(&(up * 0.05)) > 0.0);
+            assert!(doubt(&level, up * 0.02) > 5e-3);
         }
     }
 
