@@ -149,13 +149,14 @@ impl Turned {
         let Some(axis) = self.axis_of(numbers) else { return body };
         let centre = Point::from_fn(|i, _| numbers[i]);
         let (long, askew) = self.oval(numbers);
-        // Of a circle as large as the cross-section.
+        // Of a circle as large as the cross-section, and by how much that gets wider.
         let radius = (numbers[INVERSE].powi(2) - long.powi(2) - askew.powi(2)).sqrt().recip();
+        let wider = numbers[WIDENING] * numbers[INVERSE] * radius;
         for (out, is_felt) in [axis, -axis].into_iter().zip(self.ends) {
             if is_felt {
                 continue;
             }
-            let widening = out.dot(&axis) * numbers[WIDENING];
+            let widening = out.dot(&axis) * wider;
             let along = problem.felt().iter().map(|felt| out.dot(&(felt.point - centre)));
             let low = along.clone().fold(f64::INFINITY, f64::min);
             let high = along.fold(f64::NEG_INFINITY, f64::max);

@@ -91,6 +91,31 @@ fn an_end_that_nobody_felt_lies_beyond_the_contacts_and_is_in_doubt() {
 }
 
 #[test]
+fn what_is_oval_ends_where_what_is_round_and_as_large_does() {
+    let problem = Problem::of(3, &cone()).unwrap();
+    let round = Turned { axis: Point::z(), ends: [false, true], is_oval: false };
+    let numbers = round.begun(problem.felt()).parameters().clone();
+    let end = |turned: Turned, numbers: DVector<f64>| {
+        let body = problem.body(&Fit::begun(Round::Turned(turned), numbers.clone())).unwrap();
+        let ended = turned.ended(body, &numbers, &problem);
+        ended.planes().last().unwrap()
+    };
+    let expected = end(round, numbers.clone());
+    let oval = Turned { is_oval: true, ..round };
+    for longer in [0.2_f64, 0.5, 1.0] {
+        // As many times as long in one direction as short in the other, and as pointed.
+        let mut stretched = DVector::zeros(oval.count());
+        stretched.rows_mut(0, numbers.len()).copy_from(&numbers);
+        stretched[INVERSE] *= longer.cosh();
+        stretched[WIDENING] /= longer.cosh();
+        stretched[numbers.len()] = numbers[INVERSE] * longer.sinh();
+        let found = end(oval, stretched);
+        assert!(found.normal.z > 0.999 && expected.normal.z > 0.999);
+        assert!((found.offset - expected.offset).abs() < 1e-9, "{longer} {found:?} {expected:?}");
+    }
+}
+
+#[test]
 fn contacts_place_it_to_first_order() {
     for (contacts, ends) in [(cup(1.0, 40, [2, 2]), [true, true]), (cone(), [false, true])] {
         // On one side only, the ball about them is not in the middle.
