@@ -305,7 +305,9 @@ impl Faces {
         let chi_squared = owned.iter().map(|(c, o)| edges::cost(&faces, c, o)).sum();
         let measured: usize =
             owned.iter().map(|(c, _)| if c.normal.is_some() { dimension } else { 1 }).sum();
-        let degrees = measured as f64 - (dimension * faces.len()) as f64;
+        // What nobody felt was fitted to no contact.
+        let fitted = faces.iter().filter(|face| face.contacts > 0).count();
+        let degrees = measured as f64 - (dimension * fitted) as f64;
         let felt: Vec<(Contact, Point, usize)> = owned
             .iter()
             .filter_map(|(c, owner)| match owner {

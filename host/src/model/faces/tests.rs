@@ -221,6 +221,16 @@ fn degenerate_contacts_have_an_answer() {
     assert_eq!(sheet.unwrap().faces.len(), 2);
 }
 
+#[test]
+fn a_side_that_nobody_felt_takes_no_measured_number() {
+    let (dimension, contacts) = touched("rectangle:0.12x0.06", 20, 0);
+    let felt = Faces::fit(dimension, &contacts).unwrap();
+    let unfelt = Face { contacts: 0, ..felt.faces[0] };
+    let faces = [&felt.faces[..], &[unfelt]].concat();
+    let all = Faces::explaining(dimension, &contacts, faces, felt.owners.clone());
+    assert_eq!((all.degrees, all.chi_squared), (felt.degrees, felt.chi_squared));
+}
+
 /// Contacts of a rectangle 120 × 60 mm: three on every side, and on two of its corners with normals
 /// anywhere between those of the sides.
 fn with_corners() -> Vec<Contact> {

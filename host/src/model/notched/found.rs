@@ -162,7 +162,6 @@ impl Found {
         unexplained: f64,
         start: &Notched,
     ) -> Option<Found> {
-        let dimension = start.dimension;
         let is_notched = |solid: &&Notched| !solid.notches.is_empty();
         let samples: Vec<Notched> =
             samples.iter().filter(is_notched).map(Notched::ordered).collect();
@@ -176,13 +175,18 @@ impl Found {
         middle.solid.facets()?;
         let faces = middle.faces(contacts, &owners);
         let unowned = owners.iter().filter(|owner| owner.is_none()).count();
-        // Faces have a direction each, and here all have one together.
-        let shared = (dimension - 1) * faces.faces.len();
-        let degrees = faces.degrees + (shared - directions(dimension)) as f64;
+        let degrees = degrees(&faces);
         let suits = unowned as f64 <= unexplained * contacts.len() as f64
             && misfit::is_likely(faces.chi_squared / degrees.max(1.0), degrees);
         suits.then_some(Found { solid: middle.solid, faces })
     }
+}
+
+/// Measured numbers less fitted ones: faces have a direction each, and here all have one together.
+pub(super) fn degrees(faces: &Faces) -> f64 {
+    let felt = faces.faces.iter().filter(|face| face.contacts > 0).count();
+    let shared = (faces.dimension - 1) * felt;
+    faces.degrees + shared as f64 - directions(faces.dimension) as f64
 }
 
 /// The box about the contacts along the axes that their normals lie on, and whether all do.

@@ -272,6 +272,8 @@ fn an_l_is_found_from_eight_contacts() {
             && (3e-3..0.03).contains(&face.offset_variance.sqrt()),
         "{face:?}"
     );
+    // Two of each contact, less the places of five sides and a turn.
+    assert_eq!(found::degrees(&found.faces), 16.0 - 6.0);
     for (i, other) in found.faces.faces.iter().enumerate().filter(|(i, _)| *i != end) {
         assert!(other.offset_variance.sqrt() < 1.2e-3, "{i} {other:?}");
     }
