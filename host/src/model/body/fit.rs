@@ -177,14 +177,18 @@ impl Body {
     /// seen once tells how likely the next is new (Good, Biometrika 40, 1953). Nor, there, where contacts
     /// would hardly have left so large a part of it bare. Where one is refused, none with more cuts is believed.
     pub fn polytopes(dimension: usize, contacts: &[Contact], faces: &Faces) -> Vec<Body> {
+        let unconfirmed = faces.unconfirmed(contacts).len();
+        let are_doubtful = |sides: usize| sides as f64 > DOUBTFUL * contacts.len() as f64;
+        // As many sides take more than half of the numbers that were measured: they are not decided either.
+        if are_doubtful(unconfirmed) {
+            return vec![];
+        }
         let Some((body, ends)) = Body::flat(dimension, contacts, faces) else { return vec![] };
         let Some(problem) = Problem::of(dimension, contacts) else { return vec![] };
         let measured = problem.measured() as f64;
         let is_decided = ends == 0 && measured >= DECIDED * (measured - body.degrees);
-        let unconfirmed = faces.unconfirmed(contacts).len();
         let is_doubtful = |guessed: usize, body: &Body| {
-            (guessed + unconfirmed) as f64 > DOUBTFUL * contacts.len() as f64
-                || body.evenness(dimension, contacts) < EVEN
+            are_doubtful(guessed + unconfirmed) || body.evenness(dimension, contacts) < EVEN
         };
         let is_trusted = |guessed: usize, body: &Body| is_decided || !is_doubtful(guessed, body);
         successors(Some(body), |body| body.blunted(dimension, contacts))
