@@ -6,7 +6,8 @@
 //! contact starts as its own face, and the two faces whose union costs least are merged while that
 //! costs no more than noise would; contacts are then handed to the face that suits them best, and
 //! merging is tried again. The prototype's greedy clustering (expectation–maximisation from contacts
-//! in order of arrival) depends on that order; this does not.
+//! in order of arrival) depends on that order; this does not, up to as many contacts as are merged at
+//! once (`BATCH`): more are merged with what those before them made, as they arrive.
 //!
 //! Fingers also touch where faces meet, and feel any normal between theirs there: [`edges`] tells such
 //! contacts from faces of their own. What people make has parallel and square faces: [`regular`] finds
@@ -19,7 +20,7 @@ use nalgebra::{Matrix3, SymmetricEigen};
 
 use crate::reference::Contact;
 use crate::shape::Field;
-use crate::space::Point;
+use crate::space::{Point, across};
 
 /// Cost above which two faces are not the same plane: χ² with 2 or 3 degrees of freedom exceeds it
 /// once in ten thousand.
@@ -94,15 +95,10 @@ impl Moments {
     /// How far the contacts reach across the normal, up to a factor: a length in the plane, an area in space.
     fn reach(&self, normal: &Point, dimension: usize) -> f64 {
         let spread = self.scatter / self.weight;
-        if dimension == 2 {
-            let along = Point::new(-normal.y, normal.x, 0.0);
-            return along.dot(&(spread * along)).sqrt();
-        }
-        let first = normal.cross(&Point::ith(normal.iamin(), 1.0)).normalize();
-        let second = normal.cross(&first);
+        let [first, second] = across(dimension, normal);
         let [a, b, c] = [(first, first), (first, second), (second, second)]
             .map(|(one, other)| one.dot(&(spread * other)));
-        (a * c - b * b).max(0.0).sqrt()
+        if dimension == 2 { a.sqrt() } else { (a * c - b * b).max(0.0).sqrt() }
     }
 
     /// The normal of least cost, and that cost: the minimum of nᵀSn − 2b·n on the unit sphere is
@@ -390,7 +386,7 @@ fn merge(groups: &mut Vec<Moments>, gate: f64, dimension: usize) {
             cost - own[i] - own[j] - mixed(&[groups[i], groups[j]], &union, &normal, dimension)
         })
     };
-    // The cheapest partner among those before each, kept up to date.
+    // What the union of each with each before it costs, kept up to date.
     let mut rises: Vec<Vec<f64>> =
         (0..groups.len()).map(|i| (0..i).map(|j| rise(groups, &own, i, j)).collect()).collect();
     loop {

@@ -9,7 +9,7 @@ use super::fit::{Felt, Fit, MISFIT, Problem, Round, STEPS, TRIAL};
 use super::{Body, Part, Plane};
 use crate::model::Faces;
 use crate::reference::Contact;
-use crate::space::Point;
+use crate::space::{self, Point};
 
 /// Numbers measured per parameter from which a block is more than a guess: it has few, and all of them are usual.
 const DECIDED: f64 = 1.5;
@@ -178,8 +178,7 @@ impl Block {
 /// along it (to half a degree): where they fell anywhere on a rectangle alike, the most probable one. `None` where
 /// numbers are none.
 fn outline(normal: &Point, felt: &[Felt]) -> Option<Point> {
-    let first = normal.cross(&Point::ith(normal.iamin(), 1.0)).try_normalize(1e-9)?;
-    let second = normal.cross(&first);
+    let [first, second] = space::across(3, normal);
     let width = |way: &Point| {
         let along = felt.iter().map(|felt| way.dot(&felt.point));
         along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)

@@ -12,7 +12,7 @@ use super::turned::axes;
 use super::{Body, Part, Plane};
 use crate::model::Faces;
 use crate::reference::Contact;
-use crate::space::Point;
+use crate::space::{self, Point};
 
 /// How many sides there are. With more it is hardly another thing than round.
 const SIDES: RangeInclusive<usize> = 3..=8;
@@ -126,8 +126,7 @@ impl Regular {
     /// About the axis, turned as normals across it say.
     fn of(problem: &Problem, kind: Kind, axis: Point) -> Option<Regular> {
         let sides = kind.sides as f64;
-        let across = axis.cross(&Point::ith(axis.iamin(), 1.0)).normalize();
-        let third = axis.cross(&across);
+        let [across, third] = space::across(3, &axis);
         let normals = problem.felt().iter().filter_map(|felt| felt.normal);
         let (mut sin, mut cos) = (0.0, 0.0);
         for normal in normals.clone().filter(|n| n.dot(&axis).abs() <= kind.end()) {

@@ -8,7 +8,7 @@ use super::fit::{Felt, Fit, Problem, Round, STEPS, TRIAL};
 use super::{Body, Part, Plane, Quadric};
 use crate::model::Faces;
 use crate::reference::Contact;
-use crate::space::Point;
+use crate::space::{self, Point};
 
 /// Numbers measured per parameter from which a turned body is more than a guess.
 const DECIDED: f64 = 2.0;
@@ -115,12 +115,6 @@ impl Turned {
         if self.is_oval { (numbers[first], numbers[first + 1]) } else { (0.0, 0.0) }
     }
 
-    /// Directions across the axis, each unit and square to the other.
-    fn across(&self) -> (Point, Point) {
-        let first = self.axis.cross(&Point::ith(self.axis.iamin(), 1.0)).normalize();
-        (first, self.axis.cross(&first))
-    }
-
     /// The side first; `None` where numbers stand for nothing.
     pub(super) fn parts(&self, numbers: &DVector<f64>) -> Option<Vec<Part>> {
         let axis = self.axis_of(numbers)?;
@@ -129,7 +123,7 @@ impl Turned {
         if !(inverse > long.hypot(askew)) {
             return None;
         }
-        let (first, second) = self.across();
+        let [first, second] = space::across(3, &self.axis);
         let root = Matrix3::identity() * inverse
             + (first * first.transpose() - second * second.transpose()) * long
             + (first * second.transpose() + second * first.transpose()) * askew;
@@ -183,7 +177,7 @@ impl Turned {
         // A contact lies in the direction of its normal from the axis, as far as the body is wide there:
         // linear in the centre across the axis and the radius.
         let (mut square, mut right) = (Matrix3::identity() * HOLD, Point::z() * HOLD);
-        let (first, second) = self.across();
+        let [first, second] = space::across(3, &self.axis);
         for felt in sides {
             let Some(normal) = felt.normal else { continue };
             let out = (normal.dot(&first), normal.dot(&second));

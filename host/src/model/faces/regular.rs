@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::{Face, Faces};
 use crate::reference::Contact;
-use crate::space::Point;
+use crate::space::{Point, across};
 
 /// ln of the Bayes factor from which on a relation is taken to hold: 3, “positive” by Kass & Raftery
 /// (1995).
@@ -43,18 +43,8 @@ struct Relation {
 
 impl State {
     fn of(faces: &[Face], dimension: usize) -> State {
-        let tangents: Vec<[Point; 2]> = faces
-            .iter()
-            .map(|face| {
-                let n = face.normal;
-                if dimension == 2 {
-                    return [Point::new(-n.y, n.x, 0.0), Point::zeros()];
-                }
-                let side = Point::ith(n.iamin(), 1.0);
-                let first = n.cross(&side).normalize();
-                [first, n.cross(&first)]
-            })
-            .collect();
+        let tangents: Vec<[Point; 2]> =
+            faces.iter().map(|face| across(dimension, &face.normal)).collect();
         let mut covariance = DMatrix::zeros(2 * faces.len(), 2 * faces.len());
         for (i, face) in faces.iter().enumerate() {
             for (a, b) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
