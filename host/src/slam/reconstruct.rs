@@ -103,7 +103,7 @@ pub enum Error {
 const FACED: usize = 1_000;
 
 /// Contacts that a box less smaller boxes is made from at most: it takes as long as there are many.
-const NOTCHED: usize = 80;
+pub(super) const NOTCHED: usize = 80;
 
 /// Contacts that may make a side between them though they are wild.
 const PAIR: usize = 2;

@@ -10,7 +10,9 @@ use crate::model::notched::Found;
 use crate::reference::{Contact, Prior};
 use crate::slam::choose::{directions, faces_along, judge, only};
 use crate::slam::fit::rounds;
+use crate::slam::reconstruct::NOTCHED;
 use crate::space::Point;
+use crate::thin::evenly;
 
 /// Deviations by which a contact may lie beyond the plane of another.
 const BEYOND: f64 = 4.0;
@@ -60,7 +62,19 @@ fn have_notch(
     let sides = only(contacts, &sides);
     let askew = contacts.len() - own.len() - sides.len();
     let may_be = !sides.is_empty() && are_square(&directions);
-    Some(may_be && Found::is_likelier(dimension, &[own, sides].concat(), free, askew))
+    let (few, known) = few(&own, &sides, askew);
+    Some(may_be && Found::is_likelier(dimension, &few, free, known))
+}
+
+/// No more of those trusted and of those that may be sides than a box less smaller ones is made from, and how
+/// many are askew beside them: as large a part of each, so that wild ones are as frequent, but at least one
+/// that may be a side.
+fn few(own: &[Contact], sides: &[Contact], askew: usize) -> (Vec<Contact>, usize) {
+    let share = (NOTCHED as f64 / (own.len() + sides.len()).max(1) as f64).min(1.0);
+    let part = |count: usize| (share * count as f64).round() as usize;
+    let sides = evenly(sides, part(sides.len()).max(1));
+    let own = evenly(own, NOTCHED - sides.len());
+    ([own, sides].concat(), part(askew))
 }
 
 /// Whether sides have the directions of a box.

@@ -87,6 +87,24 @@ fn sides_of_a_notch_are_not_wild() {
 }
 
 #[test]
+fn of_many_contacts_as_large_a_part_of_each_kind_is_judged() {
+    let (_, felt, _) = touched("rectangle:0.1x0.06", 20, 0);
+    let own = felt.repeat(36);
+    let sides = vec![like(&felt[0], 0.0, 0.0, [1.0, 0.0]); 80];
+    let is_side = |c: &&Contact| c.point == Point::zeros();
+    for (own, sides, askew, expected) in [
+        (&own[..], &sides[..], 40, (72, 8, 4)),
+        (&own[..], &sides[..1], 0, (79, 1, 0)),
+        (&own[..77], &sides[..3], 2, (77, 3, 2)),
+        (&own[..20], &sides[..3], 5, (20, 3, 5)),
+    ] {
+        let (few, known) = few(own, sides, askew);
+        let along = few.iter().filter(is_side).count();
+        assert_eq!((few.len() - along, along, known), expected);
+    }
+}
+
+#[test]
 fn a_side_that_two_contacts_felt_is_none_of_few_wild_ones() {
     for object in ["triangle:0.055", "corners:-0.05x-0.03,0.06x-0.03,-0.05x0.05"] {
         let (dimension, mut contacts, _) = touched(object, 24, 0);
