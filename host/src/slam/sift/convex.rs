@@ -98,19 +98,29 @@ fn beside_sides(
 }
 
 /// Without the few that contradict most others, so that no two contradict each other; `None` where none do, or too
-/// many.
+/// many. Of those that contradict as many, the one goes that all others agree with least, in whatever order they
+/// are: of two that contradict each other alone, the wild one nearly contradicts others, too.
 fn agreeing(contacts: &[Contact]) -> Option<Vec<bool>> {
-    let mut against: Vec<Vec<usize>> = contacts
-        .iter()
-        .map(|one| {
-            let contradicts = |other: &Contact| is_beyond(one, other) || is_beyond(other, one);
-            (0..contacts.len()).filter(|j| contradicts(&contacts[*j])).collect()
-        })
-        .collect();
+    let contradicted = |one: &Contact| {
+        let (mut by, mut nearly) = (Vec::new(), 0.0);
+        for (j, other) in contacts.iter().enumerate() {
+            let beyond = beyond(one, other).max(beyond(other, one)).max(0.0);
+            if beyond > BEYOND {
+                by.push(j);
+            }
+            nearly += beyond.min(BEYOND).powi(2);
+        }
+        (by, nearly)
+    };
+    let (mut against, nearly): (Vec<Vec<usize>>, Vec<f64>) =
+        contacts.iter().map(contradicted).unzip();
     let mut agreeing = vec![true; contacts.len()];
     let most = (WILD * contacts.len() as f64) as usize;
     for left_out in 0..=most {
-        let worst = (0..contacts.len()).max_by_key(|i| against[*i].len())?;
+        let worst = (0..contacts.len()).max_by(|a, b| {
+            let more = against[*a].len().cmp(&against[*b].len());
+            more.then(nearly[*a].total_cmp(&nearly[*b]))
+        })?;
         if against[worst].is_empty() {
             return (left_out > 0).then_some(agreeing);
         }
@@ -121,14 +131,14 @@ fn agreeing(contacts: &[Contact]) -> Option<Vec<bool>> {
     None
 }
 
-/// Whether a contact lies beyond the plane in which another touched, farther than noise would have it.
-fn is_beyond(contact: &Contact, other: &Contact) -> bool {
-    let Some(normal) = other.normal else { return false };
+/// How far a contact lies beyond the plane in which another touched, in deviations; before it where negative.
+fn beyond(contact: &Contact, other: &Contact) -> f64 {
+    let Some(normal) = other.normal else { return 0.0 };
     let chord = contact.point - other.point;
     let height = normal.dot(&chord);
     let turned = (chord - normal * height).norm() * other.normal_deviation;
     let deviation = contact.point_deviation.hypot(other.point_deviation).hypot(turned);
-    height > BEYOND * deviation
+    height / deviation
 }
 
 #[cfg(test)]

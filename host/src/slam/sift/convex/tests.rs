@@ -87,6 +87,33 @@ fn sides_of_a_notch_are_not_wild() {
 }
 
 #[test]
+fn of_two_that_contradict_each_other_alone_the_one_goes_that_others_nearly_contradict() {
+    let contact = |x: f64, y: f64, normal: [f64; 2]| Contact {
+        point: Point::new(x, y, 0.0),
+        normal: Some(Point::new(normal[0], normal[1], 0.0)),
+        point_deviation: 1e-3,
+        normal_deviation: 0.0873,
+    };
+    let sides = [-1.0, 1.0].map(|way| {
+        [-0.5, 0.6].map(|along| {
+            [
+                contact(0.05 * way, 0.03 * along, [way, 0.0]),
+                contact(0.05 * along, 0.03 * way, [0.0, way]),
+            ]
+        })
+    });
+    let sides = sides.as_flattened().as_flattened();
+    // Six millimetres beyond the upper side: 4.2 deviations of the contact beside it, two of the others.
+    let wild = contact(0.0, 0.036, [0.0, 1.0]);
+    let beside = contact(0.002, 0.03, [0.0, 1.0]);
+    assert!(agreeing(&[sides, &[beside]].concat()).is_none());
+    for (pair, expected) in [([beside, wild], [true, false]), ([wild, beside], [false, true])] {
+        let found = agreeing(&[&pair[..], sides].concat());
+        assert_eq!(found, Some([&expected[..], &[true; 8]].concat()));
+    }
+}
+
+#[test]
 fn of_many_contacts_as_large_a_part_of_each_kind_is_judged() {
     let (_, felt, _) = touched("rectangle:0.1x0.06", 20, 0);
     let own = felt.repeat(36);
