@@ -31,7 +31,7 @@ pub trait Tracker<S: Space> {
     /// Predicts with `motion`, weighs and corrects with the grasp, then adds its contacts to the
     /// shape. `motion` maps world to world (predicted pose = motion ∘ previous pose); `None`, or one that
     /// is not finite or goes further than 10 km, means unknown (the object rested, with
-    /// more noise than usual), and on the first grasp nothing.
+    /// twice the noise or more), and on the first grasp nothing.
     ///
     /// Contacts that are not finite or not normalised are dropped and counted; an empty grasp only
     /// predicts.

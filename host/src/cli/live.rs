@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 use tactile_core::space::{Planar, Spatial};
-use tactile_core::wire::{Hello, TrackerKind, WireSpace};
+use tactile_core::wire::{Hello, WireSpace};
 
 use self::record::Target;
 use self::watch::Watch;
@@ -25,6 +25,7 @@ use crate::link::session::{SensedError, settings_for, steps};
 use crate::link::tcp::Tcp;
 use crate::link::{GraspOutcome, Link, LogOutcome, Patience, Session, virtual_board};
 use crate::log::GraspLog;
+use crate::log::inspection::capacity;
 use crate::log::recording::Header;
 use crate::log::words::{Sensors, Words};
 use crate::slam::choose::Choice;
@@ -450,18 +451,6 @@ fn figures<S: WireSpace>(outcome: &LogOutcome<S>) -> Value {
     })
 }
 
-/// What the board's tracker has room for.
-fn capacity(hello: &Hello) -> String {
-    let Hello { particles, map, .. } = hello;
-    match hello.tracker {
-        TrackerKind::Bootstrap => format!("{particles} particles, map of {map} contacts"),
-        TrackerKind::RaoBlackwell => format!("{particles} particles of {map} faces"),
-        TrackerKind::Hypotheses => format!("{particles} hypotheses of {map} faces"),
-        TrackerKind::Curved => format!("{particles} trajectories, map of {map} contacts"),
-        TrackerKind::Automatic => format!("{particles} hypotheses and trajectories, {map} faces"),
-    }
-}
-
 fn words<S: WireSpace>(outcome: &LogOutcome<S>) -> String {
     let hello = &outcome.hello;
     let [major, minor, patch] = hello.firmware;
@@ -496,26 +485,6 @@ fn words<S: WireSpace>(outcome: &LogOutcome<S>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tactile_core::wire::{BoardKind, PROTOCOL};
-
-    #[test]
-    fn a_board_has_room_for_what_its_tracker_keeps() {
-        let said = |tracker| {
-            capacity(&Hello {
-                protocol: PROTOCOL,
-                firmware: [0, 1, 0],
-                board: BoardKind::Virtual,
-                tracker,
-                dimension: 2,
-                contacts: 16,
-                map: 10,
-                particles: 4,
-                fingers: 0,
-            })
-        };
-        assert_eq!(said(TrackerKind::Bootstrap), "4 particles, map of 10 contacts");
-        assert_eq!(said(TrackerKind::Hypotheses), "4 hypotheses of 10 faces");
-    }
 
     #[test]
     fn paces_are_read_strictly() {

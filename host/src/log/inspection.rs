@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::Path;
 
 use serde_json::{Value, json};
-use tactile_core::wire::Counters;
+use tactile_core::wire::{Counters, Hello, TrackerKind};
 
 use super::recording::{Header, Recording, RecordingError};
 use super::replayed::Replayed;
@@ -83,8 +83,11 @@ impl fmt::Display for Inspection {
             let [major, minor, patch] = hello.firmware;
             writeln!(
                 f,
-                "board: {:?}, firmware {major}.{minor}.{patch}, {} contacts a grasp, map of {}, {} particles",
-                hello.board, hello.contacts, hello.map, hello.particles
+                "board: {:?}, firmware {major}.{minor}.{patch}: {:?}, {}, {} contacts a grasp",
+                hello.board,
+                hello.tracker,
+                capacity(&hello),
+                hello.contacts
             )?;
         }
         writeln!(
@@ -115,5 +118,42 @@ impl fmt::Display for Inspection {
         }
         writeln!(f)?;
         r.left_out.sentences().iter().try_for_each(|sentence| writeln!(f, "{sentence}"))
+    }
+}
+
+/// What a board's tracker has room for, in words.
+pub(crate) fn capacity(hello: &Hello) -> String {
+    let Hello { particles, map, .. } = hello;
+    match hello.tracker {
+        TrackerKind::Bootstrap => format!("{particles} particles, map of {map} contacts"),
+        TrackerKind::RaoBlackwell => format!("{particles} particles of {map} faces"),
+        TrackerKind::Hypotheses => format!("{particles} hypotheses of {map} faces"),
+        TrackerKind::Curved => format!("{particles} trajectories, map of {map} contacts"),
+        TrackerKind::Automatic => format!("{particles} hypotheses and trajectories, {map} faces"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tactile_core::wire::{BoardKind, PROTOCOL};
+
+    #[test]
+    fn a_board_has_room_for_what_its_tracker_keeps() {
+        let said = |tracker| {
+            capacity(&Hello {
+                protocol: PROTOCOL,
+                firmware: [0, 1, 0],
+                board: BoardKind::Virtual,
+                tracker,
+                dimension: 2,
+                contacts: 16,
+                map: 10,
+                particles: 4,
+                fingers: 0,
+            })
+        };
+        assert_eq!(said(TrackerKind::Bootstrap), "4 particles, map of 10 contacts");
+        assert_eq!(said(TrackerKind::Hypotheses), "4 hypotheses of 10 faces");
     }
 }
