@@ -353,7 +353,7 @@ impl<
         } else {
             self.start(&grasp);
         }
-        let mut outcome = Outcome::default();
+        let mut outcome = Outcome::NONE;
         let mut felt = grasp.usable();
         let (mut free, mut told) = (grasp.free, 0);
         loop {
@@ -366,9 +366,10 @@ impl<
                 break;
             }
             // What was not touched is told once, however many parts there are.
-            let part = self.absorb(count, core::mem::take(&mut free));
+            let part = self.absorb(count, core::mem::take(&mut free), told == 0);
             outcome.dropped = outcome.dropped.saturating_add(part.dropped);
             outcome.corrected |= part.corrected && begun;
+            outcome.slipped |= part.slipped;
             outcome.density += part.density;
             if part.lost {
                 outcome.lost = told == 0;
@@ -397,7 +398,8 @@ impl<
             (false, _) => Status::Started,
             (true, 0) => Status::Predicted,
             _ if outcome.lost => Status::Lost,
-            _ if modes.disagree(AMBIGUOUS) => Status::Ambiguous,
+            // What only a slip explains may be a grasp of something else: the next one has to agree.
+            _ if outcome.slipped || modes.disagree(AMBIGUOUS) => Status::Ambiguous,
             _ if !outcome.corrected => Status::Predicted,
             _ => Status::Tracking,
         };

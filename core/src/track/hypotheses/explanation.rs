@@ -12,14 +12,45 @@ use crate::space::{Pose, Space};
 use crate::track::automatic::{log_sum, wild_of};
 
 /// What became of the contacts of a grasp.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 pub(super) struct Outcome {
     pub corrected: bool,
     pub lost: bool,
+    /// Whether only a slip to anywhere explains it.
+    pub slipped: bool,
     pub dropped: u16,
     /// Log density of the contacts.
     pub density: f32,
 }
+
+impl Outcome {
+    /// Nothing happened.
+    pub const NONE: Self =
+        Outcome { corrected: false, lost: false, slipped: false, dropped: 0, density: 0.0 };
+}
+
+/// How a grasp is explained best: contacts on known faces, on none, and the log density of all.
+#[derive(Clone, Copy)]
+struct Found {
+    known: usize,
+    wild: usize,
+    density: f32,
+}
+
+impl Found {
+    /// Whether as many fingers agree as tell where an object is. Fewer than that must all agree, and one alone
+    /// fits anywhere.
+    fn is_sure(&self, dimension: usize, count: usize) -> bool {
+        let enough = (dimension + 1).min(count).max(2);
+        self.known >= enough && 3 * self.wild <= count
+    }
+}
+
+/// No doubt about where the object is but the motion's.
+const HERE: [f32; 2] = [0.0; 2];
+
+/// Log probability that the object slipped to anywhere since the last grasp: 3 %.
+const SLIP: f32 = -3.5;
 
 impl<
     S: Chart,
@@ -44,10 +75,50 @@ impl<
     }
 
     /// Explains the first `count` touches and the free points by every hypothesis and keeps the best
-    /// explanations.
-    pub(super) fn absorb(&mut self, count: usize, free: &[FreePoint<S>]) -> Outcome {
-        let lost = self.lost > 0;
-        let wider = if lost { self.anywhere(&self.touches[..count]) } else { [0.0; 2] };
+    /// explanations; as the first part of a grasp, or where its first part was.
+    ///
+    /// What is no likelier so than contacts with nothing in particular is sought wherever the object may have
+    /// slipped to: faces are endless, and new ones explain whatever is felt, where it is felt.
+    pub(super) fn absorb(
+        &mut self,
+        count: usize,
+        free: &[FreePoint<S>],
+        is_first: bool,
+    ) -> Outcome {
+        const LOST: Outcome = Outcome { lost: true, ..Outcome::NONE };
+        let mapped = self.best().is_some_and(|b| b.faces > S::DIMENSION);
+        let anywhere = self.anywhere(&self.touches[..count]);
+        if self.lost > 0 {
+            let found = self.explain(count, free, anywhere);
+            let found = found.filter(|found| !mapped || found.is_sure(S::DIMENSION, count));
+            return found.map_or(LOST, |found| self.take(found, count, free, anywhere));
+        }
+        let Some(here) = self.explain(count, free, HERE) else {
+            return Outcome { lost: self.started, ..Outcome::NONE };
+        };
+        let touches = self.touches[..count].iter();
+        let nothing: f32 = touches.map(|touch| wild_of::<S>(touch.directed)).sum();
+        let poor = mapped && is_first && !(here.density > nothing);
+        if poor && let Some(slipped) = self.explain(count, free, anywhere) {
+            let density = slipped.density + SLIP;
+            if slipped.is_sure(S::DIMENSION, count) && density > math::max(here.density, nothing) {
+                let outcome = self.take(slipped, count, free, anywhere);
+                return Outcome { slipped: true, density, ..outcome };
+            }
+        }
+        if mapped && (2 * here.wild > count || poor && here.known < 2) {
+            return LOST;
+        }
+        if poor {
+            // Sought elsewhere in vain.
+            self.explain(count, free, HERE);
+        }
+        self.take(here, count, free, HERE)
+    }
+
+    /// Explanations by every hypothesis, of an object that is where it was expected, or with this further
+    /// doubt about it turned to all sides; the best of them. `None` where there is none.
+    fn explain(&mut self, count: usize, free: &[FreePoint<S>], wider: [f32; 2]) -> Option<Found> {
         self.search.clear();
         for number in 0..self.count {
             let slot = usize::from(self.order[number]);
@@ -61,7 +132,7 @@ impl<
             };
             let width = usize::from(self.settings.beam.max(1)).div_ceil(share);
             let (search, work, prior) = (&mut self.search, &mut self.work, &self.slots[slot]);
-            if lost {
+            if wider[1] > 0.0 {
                 let middle = middle(felt.touches);
                 let turns = (0..S::TURNS).step_by(8);
                 for group in turns {
@@ -75,29 +146,25 @@ impl<
             }
         }
         let density = self.density();
-        let Some(best) = self.search.leaves().first() else {
-            return Outcome { lost: self.started, ..Outcome::default() };
-        };
-        let (known, wild) = (usize::from(best.known), usize::from(best.wild));
-        let mapped = self.best().is_some_and(|b| b.faces > S::DIMENSION);
-        // Fewer fingers than that must all agree, and one alone fits anywhere.
-        let enough = (S::DIMENSION + 1).min(count).max(2);
-        let nowhere = if lost {
-            known < enough || 3 * wild > count
-        } else {
-            // New faces explain whatever is felt, where it is felt; what is likelier of no object at all is
-            // not felt there.
-            let touches = self.touches[..count].iter();
-            2 * wild > count
-                || known < 2 && density < touches.map(|t| wild_of::<S>(t.directed)).sum()
-        };
-        if mapped && nowhere {
-            return Outcome { lost: true, ..Outcome::default() };
-        }
-        let corrected = known > 0;
-        let dropped = best.wild.into();
+        let best = self.search.leaves().first()?;
+        Some(Found { known: best.known.into(), wild: best.wild.into(), density })
+    }
+
+    /// Takes what was explained last for what happened.
+    fn take(
+        &mut self,
+        found: Found,
+        count: usize,
+        free: &[FreePoint<S>],
+        wider: [f32; 2],
+    ) -> Outcome {
         self.select(count, free, wider);
-        Outcome { corrected, lost: false, dropped, density }
+        Outcome {
+            corrected: found.known > 0,
+            dropped: found.wild as u16,
+            density: found.density,
+            ..Outcome::NONE
+        }
     }
 
     /// Variances of where a lost object is, beyond the motion's: it turned who knows how, and moved by half as
