@@ -218,7 +218,7 @@ fn matched<const D: usize>(
         .collect();
     let mut covariance = Vec::new();
     for _ in 0..ITERATIONS {
-        let arrow = linearise::<D>(problem, &poses, &surfaces);
+        let arrow = linearise(problem, known, &poses, &surfaces);
         let factor = arrow.factor(1e-6)?;
         let (steps, _) = factor.step(&arrow)?;
         for (pose, step) in poses.iter_mut().skip(1).zip(&steps) {
@@ -235,13 +235,14 @@ fn matched<const D: usize>(
 
 fn linearise<const D: usize>(
     problem: &Problem,
+    known: &Fitted<D>,
     poses: &[Pose],
     surfaces: &[Option<Gpis>],
 ) -> Arrow<D> {
     let mut arrow = Arrow::<D>::zeros(poses.len().saturating_sub(1), 0);
     for k in 1..poses.len() {
         let Some(surface) = &surfaces[k] else { continue };
-        let (square, slope) = normal(problem, surface, &contacts(problem, k), &poses[k]);
+        let (square, slope) = normal(problem, surface, &contacts(problem, known, k), &poses[k]);
         arrow.diagonal[k - 1] += square;
         arrow.chain[k - 1] += slope;
     }
@@ -256,9 +257,10 @@ fn linearise<const D: usize>(
     arrow
 }
 
-/// A grasp's contacts, world frame.
-fn contacts(problem: &Problem, grasp: usize) -> Vec<Contact> {
-    problem.felt[problem.of(grasp)].iter().map(|felt| felt.contact).collect()
+/// A grasp's contacts that are trusted, world frame.
+fn contacts<const D: usize>(problem: &Problem, known: &Fitted<D>, grasp: usize) -> Vec<Contact> {
+    let trusted = problem.of(grasp).filter(|i| known.trusted[*i]);
+    trusted.map(|i| problem.felt[i].contact).collect()
 }
 
 #[cfg(test)]
@@ -267,6 +269,7 @@ mod tests {
     use crate::quantity::Deviation;
     use crate::sim::{Options, simulate};
     use crate::slam::track;
+    use crate::space::Point;
 
     #[test]
     fn an_ellipse_pulls_displaced_grasps_together() {
@@ -306,5 +309,18 @@ mod tests {
         assert!(steps.len() == 7 && steps.iter().all(|s| s.pose.translation.vector.norm() < 1.0));
         let none = GraspLog { grasps: Vec::new(), ..log };
         assert!(smooth(&none, &[&[]], &[], true).is_none());
+    }
+
+    #[test]
+    fn what_is_not_trusted_does_not_pull() {
+        let options = Options::new("ellipse:0.12x0.06".parse().unwrap());
+        let mut log = simulate(&options).unwrap().log;
+        log.grasps[3].contacts[1].point += Point::new(0.03, -0.05, 0.0);
+        let problem = Problem::new(&log);
+        let poses = track::truth(&log).unwrap().iter().map(|s| s.pose).collect();
+        let known = fitted::<3>(&problem, poses).unwrap();
+        assert!(!known.trusted[problem.starts[3] + 1]);
+        assert_eq!(contacts(&problem, &known, 3).len(), log.grasps[3].contacts.len() - 1);
+        assert_eq!(contacts(&problem, &known, 4).len(), log.grasps[4].contacts.len());
     }
 }

@@ -90,7 +90,8 @@ fn elsewhere<const D: usize>(
     let own = problem.starts[grasp]..problem.starts[moving.end];
     // As if all of them had been felt at the first one's pose.
     let carried = |i: usize| problem.placed(poses, i).transformed(&poses[grasp]);
-    let felt: Vec<Contact> = own.clone().take(CHOOSING).map(carried).collect();
+    let trusted = own.clone().filter(|i| known.trusted[*i]);
+    let felt: Vec<Contact> = trusted.take(CHOOSING).map(carried).collect();
     let surface = without(problem, known, &placed(problem, poses), own);
     let Some((surface, between)) = surface.zip(Between::new(problem, poses, grasp)) else {
         return Vec::new();
