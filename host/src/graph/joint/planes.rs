@@ -412,7 +412,7 @@ pub(super) fn criterion(problem: &Problem, found: &Corrected, numbers: usize) ->
     };
     let centre = problem.middle(&poses);
     let motion = |k: usize| problem.moved(k, &poses[k - 1], &poses[k], &centre);
-    let measured = (problem.felt.len() * problem.dimension).max(2) as f64;
+    let measured = problem.measured(problem.felt.len()) as f64;
     (0..problem.felt.len()).map(contact).sum::<f64>()
         + (1..poses.len()).map(motion).sum::<f64>()
         + 0.5 * numbers as f64 * measured.ln()
@@ -430,7 +430,7 @@ fn per_degree(problem: &Problem, state: &State, labels: &Labels) -> f64 {
             (None, [face, ..]) => touch(pose, face, d, &felt.contact).residual.norm_squared(),
             _ => 0.0,
         };
-        contacts.push((chi, if felt.contact.normal.is_some() { d as f64 } else { 1.0 }));
+        contacts.push((chi, problem.numbers(&felt.contact) as f64));
     }
     let strange = contacts.iter().filter(|(chi, _)| *chi > STRANGE).count();
     if strange as f64 <= WILD * contacts.len() as f64 {

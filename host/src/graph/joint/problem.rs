@@ -296,6 +296,17 @@ fn finite(pose: &Pose) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    /// How many numbers a contact measures: with a normal as many as a face has, else how far it is off alone.
+    pub fn numbers(&self, contact: &Contact) -> usize {
+        if contact.normal.is_some() { self.dimension } else { 1 }
+    }
+
+    /// How many numbers the first so many contacts measure; at least two.
+    pub fn measured(&self, contacts: usize) -> usize {
+        let felt = &self.felt[..contacts];
+        felt.iter().map(|felt| self.numbers(&felt.contact)).sum::<usize>().max(2)
+    }
+
     use crate::sim::{Options, simulate};
 
     #[test]

@@ -108,7 +108,7 @@ pub(super) fn alone<const D: usize>(
 
 /// What so many numbers of a body cost that so many grasps felt, nats (Bayesian information criterion).
 pub(super) fn price(problem: &Problem, grasps: usize, numbers: usize) -> f64 {
-    let measured = (problem.starts[grasps] * problem.dimension).max(2) as f64;
+    let measured = problem.measured(problem.starts[grasps]) as f64;
     0.5 * numbers as f64 * measured.ln()
 }
 
@@ -139,15 +139,18 @@ fn share_wild(touches: &[Touched]) -> f64 {
 /// where those are not finite.
 pub(super) fn followed<const D: usize>(problem: &Problem, one: &Hypothesis) -> Option<Followed> {
     let touches = touches(problem, one);
-    let explained: Vec<f64> =
-        touches.iter().map(|touched| touched.misfit).filter(|misfit| *misfit < WILD).collect();
+    let (mut misfit, mut measured) = (0.0, 0);
+    for (touched, felt) in touches.iter().zip(&problem.felt).filter(|(t, _)| t.misfit < WILD) {
+        misfit += touched.misfit;
+        measured += problem.numbers(&felt.contact);
+    }
     let (poses, body) = (one.poses.len(), one.body.freedom(problem.dimension));
     let rest = one.cost
         - touches.iter().map(|touched| touched.cost).sum::<f64>()
         - price(problem, poses, body)
         - 0.5 * one.body.oddity(problem.dimension, &one.ball).norm_squared();
     // As many numbers say how the object moved as are sought for it.
-    let degrees = (explained.len() * problem.dimension) as f64 - body as f64;
+    let degrees = measured as f64 - body as f64;
     let inverse = linearise::<D>(problem, one)?.factor(0.0)?.inverse()?;
     let blocks = |all: &[SMatrix<f64, D, D>]| all.iter().map(six_by_six).collect();
     // Other models' costs begin at contacts that are as exact as they say.
@@ -158,7 +161,7 @@ pub(super) fn followed<const D: usize>(problem: &Problem, one: &Hypothesis) -> O
         poses: one.poses.clone(),
         cost: one.cost + widened,
         wild: share_wild(&touches),
-        per_degree: 2.0 * (explained.iter().sum::<f64>() + rest) / degrees.max(1.0),
+        per_degree: 2.0 * (misfit + rest) / degrees.max(1.0),
         round: one.body.is_round(one.ball.1),
         rough: one.body.rough > ROUGH[0],
         superquadric: one.body.is_superquadric(),

@@ -389,3 +389,16 @@ fn the_log_backwards_tells_what_it_does_not_forwards() {
     let all = trajectories::<6>(&problem, &[], true);
     assert!(near[0].cost < least(&back) + 1.0 && all[0].cost < near[0].cost + 1.0);
 }
+
+/// A contact without a normal says one number, how far it lies off.
+#[test]
+fn without_normals_the_right_body_fits_to_noise_and_another_does_not() {
+    let bare = |object: &str, seed| {
+        let mut log = slipping(object, 16, seed, 0.0).log;
+        log.grasps.iter_mut().flat_map(|g| &mut g.contacts).for_each(|c| c.normal = None);
+        near_truth(&log).swap_remove(0)
+    };
+    let mean = |object: &str| (1..5).map(|seed| bare(object, seed).per_degree).sum::<f64>() / 4.0;
+    let [ellipse, octagon] = ["ellipse:0.1x0.06", "ngon:8,0.045"].map(mean);
+    assert!((0.75..1.2).contains(&ellipse) && octagon > 1.3, "{ellipse} {octagon}");
+}
