@@ -16,7 +16,7 @@ use super::problem::{Labels, Problem, State};
 use super::solve::{Solved, face_variance};
 use super::tangent::{Face, SAME, Tangent, are_near, axes, retract};
 use crate::model::faces::{self, Owner};
-use crate::space::{Point, Pose};
+use crate::space::{Point, Pose, across};
 
 mod aim;
 
@@ -89,14 +89,14 @@ pub fn targets<const D: usize>(problem: &Problem, solved: &Solved<D>) -> Vec<Tar
         }
     });
     let lone = lone.into_iter().map(|(i, contact, normal)| {
-        let across = Matrix3::identity() - normal * normal.transpose();
+        let turns = across(problem.dimension, &normal).map(|t| t * t.transpose());
         Target {
             plane: faces::Face {
                 normal,
                 offset: normal.dot(&contact.point),
                 centroid: contact.point,
                 offset_variance: contact.point_deviation.powi(2),
-                normal_covariance: across * contact.normal_deviation.powi(2),
+                normal_covariance: (turns[0] + turns[1]) * contact.normal_deviation.powi(2),
                 contacts: 1,
             },
             contact: Some(i),
@@ -274,12 +274,11 @@ where
     Const<D>: DimMin<Const<D>, Output = Const<D>>,
 {
     let all = targets(problem, best);
-    let mut moves = moves(problem, best, &all);
     // Those that begin and end somewhere in between are many and alike, and would leave no room for others.
     let last = best.state.poses.len().saturating_sub(1);
-    let is_kept =
-        |m: &RangeInclusive<usize>| m.start() == m.end() || *m.start() == 0 || *m.end() == last;
-    moves.retain(|m| is_kept(&m.moved));
+    let mut moves = moves(problem, best, &all, &|moved| {
+        moved.start() == moved.end() || *moved.start() == 0 || *moved.end() == last
+    });
     moves.sort_by(|a, b| a.change.total_cmp(&b.change));
     moves.into_iter().take(TRIED).any(|m| {
         let (state, labels) = m.made(problem, best, &all);
@@ -289,11 +288,12 @@ where
 
 /// Other poses at which a grasp, or several in a row, may have been made: it and some after it where the
 /// motion from the grasp before leads, or it and all before it, to the first, where the motion to the next
-/// one leads back.
+/// one leads back. Of these ranges of grasps those that `is_wanted`.
 pub(super) fn moves<const D: usize>(
     problem: &Problem,
     best: &Solved<D>,
     all: &[Target],
+    is_wanted: &dyn Fn(&RangeInclusive<usize>) -> bool,
 ) -> Vec<Move>
 where
     Const<D>: DimMin<Const<D>, Output = Const<D>>,
@@ -304,10 +304,10 @@ where
         0 | 1 => return Vec::new(),
         several => several - 1,
     };
-    let mut moves = along::<D>(problem, problem, poses, all, |k| k);
+    let mut moves = along::<D>(problem, problem, poses, all, |k| k, is_wanted);
     let back: Vec<Pose> = poses.iter().rev().copied().collect();
-    let first = along::<D>(problem, &problem.reversed(), &back, all, |k| last - k).into_iter();
-    moves.extend(first.filter(|m| *m.moved.start() == 0));
+    let is_first = |moved: &RangeInclusive<usize>| *moved.start() == 0 && is_wanted(moved);
+    moves.extend(along::<D>(problem, &problem.reversed(), &back, all, |k| last - k, &is_first));
     moves
 }
 
@@ -319,12 +319,16 @@ fn along<const D: usize>(
     poses: &[Pose],
     all: &[Target],
     told: impl Fn(usize) -> usize,
+    is_wanted: &dyn Fn(&RangeInclusive<usize>) -> bool,
 ) -> Vec<Move>
 where
     Const<D>: DimMin<Const<D>, Output = Const<D>>,
 {
     let centre = problem.middle(poses);
-    let now: Vec<f64> = (0..poses.len()).map(|k| cost_at(problem, all, k, &poses[k])).collect();
+    // Those moved along are held to faces only, as in [`Move::made`].
+    let faces: Vec<Target> = all.iter().filter(|t| t.contact.is_none()).copied().collect();
+    let at_faces = |k: usize, pose: &Pose| cost_at(problem, &faces, k, pose);
+    let now: Vec<f64> = (0..poses.len()).map(|k| at_faces(k, &poses[k])).collect();
     let mut moves = Vec::new();
     for k in 1..poses.len() {
         if problem.of(k).is_empty() {
@@ -334,13 +338,14 @@ where
         let felt = log.of(told(k));
         let others = all.iter().filter(|t| t.contact.is_none_or(|i| !felt.contains(&i)));
         let others: Vec<Target> = others.copied().collect();
+        let stays = cost_at(problem, &others, k, &poses[k]);
         let step =
             |grasp: usize, before: &Pose, pose: &Pose| problem.moved(grasp, before, pose, &centre);
         for mut candidate in candidates::<D>(problem, &others, k, &poses[k - 1], &centre) {
             if are_near(&candidate.pose, &poses[k], SAME) {
                 continue;
             }
-            let mut own = candidate.cost - now[k] + step(k, &poses[k - 1], &candidate.pose)
+            let mut own = candidate.cost - stays + step(k, &poses[k - 1], &candidate.pose)
                 - step(k, &poses[k - 1], &poses[k]);
             let shift = poses[k].inverse() * candidate.pose;
             // Back to the numbers of all targets.
@@ -348,16 +353,16 @@ where
             candidate.targets = candidate.targets.iter().map(|t| renamed((*t)?, number)).collect();
             for until in k..poses.len().min(k + TOGETHER) {
                 if until > k {
-                    own += cost_at(problem, all, until, &(poses[until] * shift)) - now[until];
+                    own += at_faces(until, &(poses[until] * shift)) - now[until];
                 }
                 let next = poses.get(until + 1).map_or(0.0, |next| {
                     step(until + 1, &(poses[until] * shift), next)
                         - step(until + 1, &poses[until], next)
                 });
                 let change = own + next;
-                if change < WORSE {
-                    let (grasp, until) = (told(k), told(until));
-                    let moved = grasp.min(until)..=grasp.max(until);
+                let (grasp, until) = (told(k), told(until));
+                let moved = grasp.min(until)..=grasp.max(until);
+                if change < WORSE && is_wanted(&moved) {
                     moves.push(Move { moved, grasp, candidate: candidate.clone(), change });
                 }
             }

@@ -78,7 +78,7 @@ where
     Const<D>: DimMin<Const<D>, Output = Const<D>>,
 {
     let all = targets(problem, &best.solved);
-    let mut moves = moves(problem, &best.solved, &all);
+    let mut moves = moves(problem, &best.solved, &all, &|_| true);
     for one in &mut moves {
         // At best nothing of the grasps hangs in the air afterwards.
         one.change -= best.hanging[one.moved.clone()].iter().sum::<f64>();

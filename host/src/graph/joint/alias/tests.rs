@@ -1,9 +1,51 @@
 use super::*;
 use crate::graph::joint::explain::{assigned, settle};
-use crate::graph::joint::planes::{Effort, planes};
+use crate::graph::joint::problem::Motion;
+use crate::graph::joint::solve::solve;
+use crate::graph::joint::tests::at_truth;
 use crate::quantity::Deviation;
 use crate::sim::{Options, simulate};
-use crate::slam::track;
+
+#[test]
+fn lone_contacts_suggest_planes_as_uncertain_as_they_are() {
+    let log = simulate(&Options::new("rectangle:0.10x0.06".parse().unwrap())).unwrap().log;
+    let (problem, state, mut labels) = at_truth(&log);
+    labels[7] = None;
+    let solved = solve::<3>(&problem, state, labels).unwrap();
+    let all = targets(&problem, &solved);
+    let lone = all.iter().find(|target| target.contact == Some(7)).unwrap();
+    let variance = problem.felt[7].contact.normal_deviation.powi(2);
+    assert!((lone.plane.normal_covariance.trace() / variance - 1.0).abs() < 1e-9);
+}
+
+/// What a grasp's contacts suggest themselves is no reason to stay, for it or for those that it takes along.
+#[test]
+fn a_move_of_contacts_that_no_face_explains_promises_what_it_gains() {
+    let motion_noise = Deviation { length: 2e-4, angle: 4e-3 };
+    let object = "rectangle:0.10x0.06".parse().unwrap();
+    let log = simulate(&Options { motion_noise, ..Options::new(object) }).unwrap().log;
+    let (problem, state, labels) = at_truth(&log);
+    let best = settle::<3>(&problem, state.clone(), labels).unwrap();
+    for until in [6, 8] {
+        let (mut wrong, mut labels) = (state.clone(), best.labels.clone());
+        for k in 6..=until {
+            wrong.poses[k] *= Pose::rotation(Point::z() * 0.5);
+            problem.of(k).for_each(|i| labels[i] = None);
+        }
+        // Where the motions lead.
+        let mut problem = problem.clone();
+        for k in [6, until + 1] {
+            let pose = wrong.poses[k] * wrong.poses[k - 1].inverse();
+            problem.motions[k] = Motion { pose, deviations: [0.01, 0.3] };
+        }
+        let wrong = solve::<3>(&problem, wrong, labels).unwrap();
+        let moves = moves(&problem, &wrong, &targets(&problem, &wrong), &|_| true);
+        let back = moves.iter().filter(|m| m.moved == (6..=until)).map(|m| m.change);
+        let promised = back.fold(0.0, f64::min);
+        let contacts = (problem.starts[until + 1] - problem.starts[6]) as f64;
+        assert!(promised < -5.0 * contacts, "{until}: {promised} of {contacts}");
+    }
+}
 
 /// The first grasps define the object frame, but may be as wrong as any.
 #[test]
@@ -12,15 +54,8 @@ fn the_first_grasps_at_a_look_alike_pose_come_back() {
     let object = "lshape:0.09x0.09x0.035".parse().unwrap();
     let options = Options { motion_noise, grasps: Some(12), ..Options::new(object) };
     let log = simulate(&options).unwrap().log;
-    let problem = Problem::new(&log);
-    let truth = track::truth(&log).unwrap();
-    let plain = Effort { rounds: 3, restarts: false, retrack: false };
-    let right = planes(&log, &[&truth], plain).unwrap();
-    let faces: Vec<Face> =
-        right.faces.iter().map(|f| Face { normal: f.normal, offset: f.offset }).collect();
-    let poses: Vec<Pose> = right.steps.iter().map(|step| step.pose).collect();
-    let state = State { poses, faces, relations: Vec::new() };
-    let best = settle::<3>(&problem, state.clone(), right.owners.clone()).unwrap();
+    let (problem, state, labels) = at_truth(&log);
+    let best = settle::<3>(&problem, state.clone(), labels).unwrap();
     for until in [0, 3] {
         let mut wrong = state.clone();
         for pose in &mut wrong.poses[..=until] {
