@@ -139,7 +139,7 @@ fn elsewhere(
 impl Side {
     /// Adds that the contact is on the other side of the face; what it costs.
     fn add<const D: usize>(&self, arrow: &mut Arrow<D>, problem: &Problem, state: &State) -> f64 {
-        let Felt { grasp, contact } = self.felt;
+        let Felt { grasp, contact, .. } = self.felt;
         let bare = Contact { normal: None, ..contact };
         let (pose, face) = (&state.poses[grasp], &state.faces[self.face]);
         let touch = factors::touch(pose, face, problem.dimension, &bare);

@@ -17,6 +17,10 @@ const UNKNOWN: [f64; 2] = [0.1, 1.0];
 /// Least range of a face's offset, metres.
 const LEAST_EXTENT: f64 = 0.02;
 
+/// A contact is astray that is so many times as far from the other contacts of its grasp as is usual: a thumb
+/// is up to three times.
+const ASTRAY: f64 = 5.0;
+
 /// What a face costs before it has explained anything, −ln of how readily a new one is believed.
 const NEW: f64 = 1.5;
 
@@ -31,6 +35,15 @@ pub struct Felt {
     pub grasp: usize,
     /// World frame.
     pub contact: Contact,
+    /// Whether it lies so far from the others of its grasp that it says nothing of how large the object is.
+    pub astray: bool,
+}
+
+impl Felt {
+    /// A contact like any other.
+    pub fn new(grasp: usize, contact: Contact) -> Felt {
+        Felt { grasp, contact, astray: false }
+    }
 }
 
 /// How the object was moved before a grasp, world to world.
@@ -105,24 +118,26 @@ impl Problem {
     pub fn new(log: &GraspLog) -> Problem {
         let noise = track::settings(log, 0).motion;
         let usual = [f64::from(noise.translation), f64::from(noise.rotation)];
+        let unknown = [0, 1].map(|i| usual[i].max(UNKNOWN[i]));
         let (point_deviation, normal_deviation) = usual_deviations(&log.noise);
         let (mut felt, mut free, mut starts) = (Vec::new(), Vec::new(), vec![0]);
         for (grasp, logged) in log.grasps.iter().enumerate() {
             for point in logged.free.iter().map(|f| f.point) {
                 let contact = Contact { point, normal: None, point_deviation, normal_deviation };
-                free.extend(contact.checked().map(|contact| Felt { grasp, contact }));
+                free.extend(contact.checked().map(|contact| Felt::new(grasp, contact)));
             }
             for c in &logged.contacts {
                 let (point_deviation, normal_deviation) = deviations(c, &log.noise);
                 let contact =
                     Contact { point: c.point, normal: c.normal, point_deviation, normal_deviation };
-                felt.extend(contact.checked().map(|contact| Felt { grasp, contact }));
+                felt.extend(contact.checked().map(|contact| Felt::new(grasp, contact)));
             }
             starts.push(felt.len());
         }
         let motion = |logged: Option<Pose>| match logged {
             Some(pose) if finite(&pose) => Motion { pose, deviations: usual },
-            _ => Motion { pose: Pose::identity(), deviations: UNKNOWN },
+            // At least as uncertain as one that was measured.
+            _ => Motion { pose: Pose::identity(), deviations: unknown },
         };
         let motions = log.grasps.iter().map(|g| motion(g.motion)).collect();
         Problem::of_all(log.dimension, felt, starts, free, motions)
@@ -132,7 +147,7 @@ impl Problem {
     /// are not usable are left out.
     pub fn held(dimension: usize, contacts: &[Contact]) -> Problem {
         let usable = contacts.iter().filter_map(Contact::checked);
-        let felt: Vec<Felt> = usable.map(|contact| Felt { grasp: 0, contact }).collect();
+        let felt: Vec<Felt> = usable.map(|contact| Felt::new(0, contact)).collect();
         let starts = vec![0, felt.len()];
         let still = Motion { pose: Pose::identity(), deviations: UNKNOWN };
         Problem::of_all(dimension, felt, starts, vec![], vec![still])
@@ -157,8 +172,24 @@ impl Problem {
             kernel: Kernel::USUAL,
             slip: Kernel::USUAL,
         };
+        let astray = problem.astray();
+        for (felt, astray) in problem.felt.iter_mut().zip(astray) {
+            felt.astray = astray;
+        }
         problem.extent = problem.reach().max(LEAST_EXTENT);
         problem
+    }
+
+    /// Which contacts are far from more than half of the others of their grasp.
+    fn astray(&self) -> Vec<bool> {
+        let point = |i: usize| self.felt[i].contact.point;
+        let distance = |i: usize| {
+            let others = self.of(self.felt[i].grasp).filter(|j| *j != i);
+            median(others.map(|j| (point(i) - point(j)).norm()).collect())
+        };
+        let distances: Vec<f64> = (0..self.felt.len()).map(distance).collect();
+        let usual = median(distances.clone());
+        distances.into_iter().map(|distance| distance > ASTRAY * usual).collect()
     }
 
     /// The same measurements with the last grasp first.
@@ -194,14 +225,14 @@ impl Problem {
         self.starts[state.poses.len().min(self.grasps())]
     }
 
-    /// The longest distance between two contacts of one grasp, whatever the poses.
+    /// The longest distance between two contacts of one grasp that are not astray, whatever the poses.
     fn reach(&self) -> f64 {
         let widest = |grasp: usize| {
-            let own = &self.felt[self.of(grasp)];
+            let own = || self.felt[self.of(grasp)].iter().filter(|felt| !felt.astray);
             let from = |a: &Felt| {
-                own.iter().map(|b| (a.contact.point - b.contact.point).norm()).fold(0.0, f64::max)
+                own().map(|b| (a.contact.point - b.contact.point).norm()).fold(0.0, f64::max)
             };
-            own.iter().map(from).fold(0.0, f64::max)
+            own().map(from).fold(0.0, f64::max)
         };
         (0..self.grasps()).map(widest).fold(0.0, f64::max)
     }
@@ -265,6 +296,17 @@ impl Problem {
         (less - (-(on - wild).abs()).exp().ln_1p(), 1.0 / (1.0 + (on - wild).exp()))
     }
 
+    /// How many numbers a contact measures: with a normal as many as a face has, else how far it is off alone.
+    pub fn numbers(&self, contact: &Contact) -> usize {
+        if contact.normal.is_some() { self.dimension } else { 1 }
+    }
+
+    /// How many numbers the first so many contacts measure; at least two.
+    pub fn measured(&self, contacts: usize) -> usize {
+        let felt = &self.felt[..contacts];
+        felt.iter().map(|felt| self.numbers(&felt.contact)).sum::<usize>().max(2)
+    }
+
     /// −ln of the density of a contact that fits its face exactly.
     pub fn exact(&self, contact: &Contact) -> f64 {
         let root = std::f64::consts::TAU.sqrt();
@@ -289,6 +331,12 @@ impl Problem {
     }
 }
 
+/// Of several numbers the middle one, or the lesser of two; zero of none.
+fn median(mut all: Vec<f64>) -> f64 {
+    let middle = all.len().saturating_sub(1) / 2;
+    if all.is_empty() { 0.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
+
 fn finite(pose: &Pose) -> bool {
     pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|v| v.is_finite())
 }
@@ -296,18 +344,7 @@ fn finite(pose: &Pose) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    /// How many numbers a contact measures: with a normal as many as a face has, else how far it is off alone.
-    pub fn numbers(&self, contact: &Contact) -> usize {
-        if contact.normal.is_some() { self.dimension } else { 1 }
-    }
-
-    /// How many numbers the first so many contacts measure; at least two.
-    pub fn measured(&self, contacts: usize) -> usize {
-        let felt = &self.felt[..contacts];
-        felt.iter().map(|felt| self.numbers(&felt.contact)).sum::<usize>().max(2)
-    }
-
-    use crate::sim::{Options, simulate};
+    use crate::sim::{Options, Touch, simulate};
 
     #[test]
     fn a_contact_costs_what_the_likelier_of_two_things_costs() {
@@ -327,5 +364,44 @@ mod tests {
         let (cost, chance) = problem.or_wild(&contact, f64::INFINITY);
         assert!(cost == wild && chance == 0.0);
         assert!(problem.or_wild(&contact, f64::NAN).0.is_nan());
+    }
+
+    #[test]
+    fn the_extent_is_that_of_contacts_which_are_not_astray() {
+        for object in ["lshape:0.09x0.09x0.03", "box:0.2x0.02x0.02", "sphere:0.08", "random:3,4"] {
+            for touch in [Touch::Hand, Touch::Uniform] {
+                let options = Options { touch, ..Options::new(object.parse().unwrap()) };
+                let mut log = simulate(&options).unwrap().log;
+                let clean = Problem::new(&log);
+                assert!(clean.felt.iter().all(|felt| !felt.astray), "{object}");
+                // A metre away from all others, and all of them as if one grasp had felt them.
+                let grasp = log.grasps.iter().position(|g| g.contacts.len() > 2).unwrap();
+                log.grasps[grasp].contacts[1].point.x += 1.0;
+                let far = Problem::new(&log);
+                let astray = clean.starts[grasp] + 1;
+                let found: Vec<usize> =
+                    (0..far.felt.len()).filter(|i| far.felt[*i].astray).collect();
+                assert!(found == [astray] && far.extent <= clean.extent, "{object} {found:?}");
+                assert!(far.extent > 0.5 * clean.extent, "{} {}", far.extent, clean.extent);
+                let held = |problem: &Problem| {
+                    let all: Vec<Contact> = problem.felt.iter().map(|f| f.contact).collect();
+                    Problem::held(log.dimension, &all).extent
+                };
+                assert!(held(&far) < 1.1 * held(&clean), "{} {}", held(&far), held(&clean));
+            }
+        }
+    }
+
+    #[test]
+    fn a_motion_that_nobody_measured_is_no_surer_than_others() {
+        let mut log = simulate(&Options::new("box:0.1x0.06x0.05".parse().unwrap())).unwrap().log;
+        log.grasps[3].motion = None;
+        for (noise, expected) in [([0.3, 0.1], [0.3, 1.0]), ([0.01, 1.5], [0.1, 1.5])] {
+            let [translation, rotation] = noise.map(Some);
+            (log.noise.translation, log.noise.rotation) = (translation, rotation);
+            let unknown = Problem::new(&log).motions[3].deviations;
+            let near = |(a, b): (f64, f64)| (a - b).abs() < 1e-6;
+            assert!(unknown.into_iter().zip(expected).all(near), "{unknown:?}");
+        }
     }
 }

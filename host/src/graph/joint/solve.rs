@@ -269,10 +269,11 @@ fn worth<const D: usize>(
 /// What contacts say about the shape as a whole: the size of a convex one and how far they lie outside
 /// it, or that it is not convex.
 fn shape(problem: &Problem, state: &State, labels: &Labels, covariance: &DMatrix<f64>) -> f64 {
-    let points: Vec<Point> =
-        (0..labels.len()).map(|i| problem.placed(&state.poses, i).point).collect();
+    let near = (0..labels.len()).filter(|i| !problem.felt[*i].astray);
+    let near: Vec<(usize, Point)> =
+        near.map(|i| (i, problem.placed(&state.poses, i).point)).collect();
     let mut outside = 0.0;
-    for (i, point) in points.iter().enumerate() {
+    for (i, point) in near.iter().map(|(i, point)| (*i, point)) {
         let noise = problem.felt[i].contact.point_deviation.powi(2);
         let mut worst: f64 = 0.0;
         for (j, face) in state.faces.iter().enumerate() {
@@ -288,6 +289,7 @@ fn shape(problem: &Problem, state: &State, labels: &Labels, covariance: &DMatrix
     }
     // In units of the extent, so that it is a number.
     let unit = problem.extent.powi(problem.dimension as i32 - 1);
+    let points: Vec<Point> = near.into_iter().map(|(_, point)| point).collect();
     let count = problem.weight * points.len() as f64;
     let sides = size::sides(problem.dimension, &state.faces, &points);
     let round = if problem.edges {

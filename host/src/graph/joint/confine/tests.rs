@@ -29,7 +29,7 @@ impl Scene {
                 point_deviation: POINT,
                 normal_deviation: NORMAL,
             };
-            Felt { grasp: *grasp, contact }
+            Felt::new(*grasp, contact)
         };
         let planes = faces.iter().enumerate().map(|(i, face)| Plane {
             normal: face.normal,
@@ -208,7 +208,7 @@ fn fingers_that_touched_nothing_are_held_out_of_the_object() {
     let mut scene = Scene::new(&RECTANGLE, &[(0, 0.45), (0, 0.6), (2, 0.5)], shifted(0.0, 0.0));
     let free = |grasp: usize, x: f64| {
         let contact = Contact { normal: None, ..scene.problem.felt[0].contact };
-        Felt { grasp, contact: Contact { point: Point::new(x, 0.005, 0.0), ..contact } }
+        Felt::new(grasp, Contact { point: Point::new(x, 0.005, 0.0), ..contact })
     };
     let [outside, inside] = [free(1, 0.06), free(1, 0.035)];
     scene.problem.free = vec![outside];

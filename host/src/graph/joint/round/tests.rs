@@ -115,7 +115,7 @@ fn one_contact_is_reason_for_an_end() {
     let touch = |point: Point, normal: Point| {
         let contact =
             Contact { point, normal: Some(normal), point_deviation: 1e-3, normal_deviation: 0.09 };
-        crate::graph::joint::problem::Felt { grasp: 0, contact }
+        crate::graph::joint::problem::Felt::new(0, contact)
     };
     let mut felt: Vec<_> = (0..6)
         .map(|i| {
