@@ -6,6 +6,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::problem::{Labels, Problem, State};
+use super::regular::MOST_FACES;
 use super::relation::Relation;
 use super::ridge;
 use super::solve::{Solved, offset_row, solve};
@@ -20,6 +21,10 @@ const ROUNDS: usize = 4;
 
 /// Faces turned against each other by more than this cannot be one, cosine.
 const ALIKE: f64 = 0.7;
+
+/// Most grasps with which faces are moved that are too many for a flat object: every move solves all grasps
+/// with all of them, and what comes of it is not believed.
+const LONG: usize = 48;
 
 /// Merges tried at most each time; those less plausible by this many nats than what the linearised
 /// problem allows are not tried.
@@ -201,11 +206,19 @@ fn pairs<const D: usize>(problem: &Problem, solved: &Solved<D>) -> Vec<(usize, u
     found.into_iter().map(|(_, pair)| pair).take(MOST_MERGES).collect()
 }
 
+/// Whether faces are those of a curved object in a log that is too long to move them.
+pub(super) fn is_endless(state: &State) -> bool {
+    state.poses.len() > LONG && state.faces.len() > MOST_FACES
+}
+
 /// Tries every kind of move once; whether one lowered the cost.
 pub fn improve<const D: usize>(problem: &Problem, best: &mut Solved<D>) -> bool {
     let before = best.cost;
     // Merged faces make others comparable: as long as it goes.
     while merge(problem, best) {}
+    if is_endless(&best.state) {
+        return best.cost < before - 1e-6;
+    }
     appear(problem, best);
     part(problem, best);
     go(problem, best);

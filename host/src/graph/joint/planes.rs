@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::alias::restart;
 use super::average::{Averaged, averaged};
 use super::confine::{Confined, confined};
-use super::explain::{fitted, improve, settle};
+use super::explain::{fitted, improve, is_endless, settle};
 use super::factors::{step, touch};
 use super::problem::{Labels, Problem, State};
 use super::regular::regular;
@@ -29,6 +29,9 @@ const ROUNDS: usize = 6;
 /// such up to which they are: faces that more contradict do not fit.
 const STRANGE: f64 = 16.0;
 const WILD: f64 = 0.1;
+
+/// Grasps times faces up to which grasps are tried at other poses, which takes longer with either.
+const RESTARTED: usize = 2400;
 
 /// Contacts of a log up to which grasps are tried at other seats.
 const SEATED: usize = 200;
@@ -259,14 +262,15 @@ type Considered<'a, const D: usize> = (&'a Problem, Solved<D>, Vec<Solved<D>>);
 fn distinct<const D: usize>(all: Vec<Considered<D>>) -> Vec<Considered<D>> {
     let mut kept: Vec<Considered<D>> = Vec::new();
     for one in all.into_iter().filter(|(_, solved, _)| !solved.state.faces.is_empty()) {
-        let same = |other: &Considered<D>| {
-            other.1.labels == one.1.labels && (other.1.cost - one.1.cost).abs() < SAME
-        };
-        if !kept.iter().any(same) {
+        if !kept.iter().any(|other| are_same(&one.1, &other.1)) {
             kept.push(one);
         }
     }
     kept
+}
+
+fn are_same<const D: usize>(one: &Solved<D>, other: &Solved<D>) -> bool {
+    one.labels == other.labels && (one.cost - other.cost).abs() < SAME
 }
 
 /// Where to search from: every trajectory, and one of the graph's own.
@@ -284,7 +288,9 @@ where
         // With the poses' doubt and without: a tracker may be right to doubt, or not.
         for doubted in [true, false] {
             let (state, labels) = initial(problem, steps, doubted);
-            found.extend(settle::<D>(problem, state, labels));
+            let settled = settle::<D>(problem, state, labels);
+            // Where there is no doubt, or it changes nothing, it is searched from once.
+            found.extend(settled.filter(|one| !found.iter().any(|other| are_same(one, other))));
         }
     }
     if effort.retrack {
@@ -314,7 +320,11 @@ where
 {
     for _ in 0..effort.rounds {
         let moved = improve(problem, &mut solved);
-        let restarted = effort.restarts && restart(problem, &mut solved);
+        if is_endless(&solved.state) {
+            break;
+        }
+        let size = solved.state.poses.len() * solved.state.faces.len();
+        let restarted = effort.restarts && size <= RESTARTED && restart(problem, &mut solved);
         if !moved && !restarted {
             break;
         }

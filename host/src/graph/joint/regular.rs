@@ -35,7 +35,7 @@ const WHOLE: f64 = 1.1;
 const HOPELESS: f64 = 25.0;
 
 /// More faces than this are curved, and their pairs would take long.
-const MOST_FACES: usize = 24;
+pub(super) const MOST_FACES: usize = 24;
 
 /// Faces turned from the opposite of each other by more than this are no pair, cosine.
 const OPPOSITE: f64 = 0.8;

@@ -35,3 +35,13 @@ fn a_slip_does_not_speak_against_faces() {
     let per_degree = per_degree(&Problem::new(&log), &state, &labels);
     assert!(per_degree > 0.1 && per_degree < 1.0, "{per_degree}");
 }
+
+#[test]
+fn poses_without_doubt_are_searched_from_once() {
+    let log = exact("rectangle:0.10x0.06", 10);
+    let steps = crate::slam::track::truth(&log).unwrap();
+    let effort = Effort { retrack: false, ..Effort::default() };
+    let problem = Problem::new(&log);
+    let first = Some(steps[0].pose);
+    assert_eq!(started::<3>(&problem, &[&steps, &steps], first, effort).len(), 1);
+}
