@@ -4,7 +4,7 @@
 //! object's frame: y = x⁻¹ C for the object's pose x. Two grasps that felt the same faces then measure
 //! y_i⁻¹ y_j whatever the object's pose.
 
-use nalgebra::{Matrix6, Vector6};
+use nalgebra::{Matrix6, Point3, Vector6};
 use tactile_core::track::Status;
 
 use super::alternatives::{Allowed, Alternative, alternatives, labelled};
@@ -20,7 +20,8 @@ use crate::space::{Point, Pose};
 /// Deviations within which an alternative may lie from what the motions say.
 const REACH: f64 = 4.0;
 
-/// How far beyond that a rotation about the object's middle moves the middle of a grasp, metres.
+/// How far beyond that a rotation about the object's middle moves the middle of a grasp, metres; farther where
+/// the grasp is far from it.
 const LEVER: f64 = 0.05;
 
 /// Least deviations of a tracker's step, metres and radians: it counts what it cannot see as none.
@@ -161,7 +162,7 @@ impl Front<'_> {
             return Some(Constraint { choices: vec![choice], refused: f64::INFINITY, weight: 1.0 });
         }
         // The tracker may have gone as far astray one way as the object the other.
-        let Allowed { translation, rotation } = self.allowed(i, j);
+        let Allowed { translation, rotation } = self.allowed(i, j, &self.poses[j]);
         let allowed = Allowed { translation: 2.0 * translation, rotation: 2.0 * rotation };
         let found = alternatives(dimension, a, b, &guess, &allowed);
         let least = least(&found);
@@ -175,14 +176,19 @@ impl Front<'_> {
         (!choices.is_empty()).then_some(Constraint { choices, refused: REFUSED, weight: 1.0 })
     }
 
-    /// How far the motions between two grasps may have gone astray.
-    fn allowed(&self, i: usize, j: usize) -> Allowed {
+    /// How far the motions between two grasps may have gone astray, the second of them made near `pose`.
+    fn allowed(&self, i: usize, j: usize, pose: &Pose) -> Allowed {
         let (mut shift, mut turn) = (0.0, 0.0);
         for motion in &self.problem.motions[i + 1..=j] {
             shift += motion.deviations[0].powi(2);
             turn += motion.deviations[1].powi(2);
         }
-        Allowed { translation: REACH * shift.sqrt() + LEVER, rotation: REACH * turn.sqrt() }
+        let rotation = REACH * turn.sqrt();
+        let middle = Point3::from(self.problem.middle(self.poses));
+        let lever = (self.frames[j].translation.vector - (pose * middle).coords).norm();
+        // Half a turn moves it to the other side.
+        let turned = rotation.min(2.0) * lever;
+        Allowed { translation: REACH * shift.sqrt() + turned.max(LEVER), rotation }
     }
 
     /// From a grasp to the next: the tracker's step, and whatever else explains both grasps.
@@ -233,7 +239,8 @@ impl Front<'_> {
             }
             let guess = moved(&predicted);
             let (a, b) = (&self.touched[k - 1], &self.touched[k]);
-            let found = alternatives(self.problem.dimension, a, b, &guess, &self.allowed(k - 1, k));
+            let allowed = self.allowed(k - 1, k, &predicted);
+            let found = alternatives(self.problem.dimension, a, b, &guess, &allowed);
             let least = least(&found);
             let sure = self.steps.get(k).is_some_and(|s| s.status == Status::Tracking);
             let dismissed = if sure && self.covariances[k].is_some() { DISMISSED } else { 0.0 };
@@ -319,4 +326,34 @@ pub fn frames(problem: &Problem, poses: &[Pose]) -> Vec<Pose> {
         problem.felt[own].iter().map(|f| f.contact.point).sum::<Point>() / count as f64
     };
     (0..poses.len()).map(|k| Pose::from_parts(centre(k).into(), Default::default())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::{Options, simulate};
+
+    #[test]
+    fn a_turn_moves_grasps_by_how_far_they_are_from_the_middle() {
+        let log = simulate(&Options::new("rectangle:0.10x0.06".parse().unwrap())).unwrap().log;
+        let problem = Problem::new(&log);
+        let poses: Vec<Pose> = log.grasps.iter().map(|g| g.truth.unwrap()).collect();
+        let mut frames = frames(&problem, &poses);
+        frames[4].translation.vector.x += 2.0;
+        let front = Front {
+            problem: &problem,
+            steps: &[],
+            poses: &poses,
+            tracked: &poses,
+            covariances: &[],
+            touched: &[],
+            frames: &frames,
+            similar: &[],
+        };
+        let [near, far] = [3, 4].map(|j| front.allowed(j - 1, j, &poses[j]));
+        let usual = REACH * problem.motions[3].deviations[0] + LEVER;
+        assert!((near.translation - usual).abs() < 1e-9, "{near:?}");
+        let beyond = far.translation - near.translation;
+        assert!(beyond > 1.8 * far.rotation.min(2.0) - LEVER, "{near:?} {far:?}");
+    }
 }
