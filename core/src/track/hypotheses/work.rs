@@ -358,6 +358,7 @@ pub(super) fn between<S: Chart>(
 
 /// A derivative by the coordinates of a plane after its displacement as one by those before, in which the
 /// covariance is.
+#[inline(never)]
 pub(super) fn undisplaced<S: Chart>(
     by: &S::Vector,
     before: &Plane<S>,
