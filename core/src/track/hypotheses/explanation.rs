@@ -79,6 +79,7 @@ impl<
     ///
     /// What is no likelier so than contacts with nothing in particular is sought wherever the object may have
     /// slipped to: faces are endless, and new ones explain whatever is felt, where it is felt.
+    #[inline(never)]
     pub(super) fn absorb(
         &mut self,
         count: usize,
@@ -132,17 +133,16 @@ impl<
             };
             let width = usize::from(self.settings.beam.max(1)).div_ceil(share);
             let (search, work, prior) = (&mut self.search, &mut self.work, &self.slots[slot]);
-            if wider[1] > 0.0 {
-                let middle = middle(felt.touches);
-                let turns = (0..S::TURNS).step_by(8);
-                for group in turns {
-                    let group = group..(group + 8).min(S::TURNS);
-                    let roots = group.map(|i| facing(prior, middle, S::turn(i)));
-                    search.explain(work, prior, slot, &felt, &odds, roots, width);
-                }
-            } else {
-                let roots = core::iter::once(S::Tangent::ZERO);
+            let middle = middle(felt.touches);
+            let turns = if wider[1] > 0.0 { S::TURNS } else { 1 };
+            let mut turn = 0;
+            while turn < turns {
+                let group = turn..(turn + 8).min(turns);
+                let roots = group.map(|i| {
+                    if turns > 1 { facing(prior, middle, S::turn(i)) } else { S::Tangent::ZERO }
+                });
                 search.explain(work, prior, slot, &felt, &odds, roots, width);
+                turn += 8;
             }
         }
         let density = self.density();
@@ -169,10 +169,10 @@ impl<
 
     /// Variances of where a lost object is, beyond the motion's: it turned who knows how, and moved by half as
     /// much as the touches are from where its middle was expected, or by 100 mm.
+    #[inline(never)]
     fn anywhere(&self, touches: &[Touch<S>]) -> [f32; 2] {
         let far = self.best().map_or(0.0, |best| {
-            let shift = facing(best, middle(touches), S::Tangent::ZERO);
-            (0..S::DIMENSION).map(|axis| shift[axis] * shift[axis]).sum()
+            (best.pose.untransform(middle(touches)) - best.middle()).norm_squared()
         });
         [math::min(math::max(0.25 * far, 0.1 * 0.1), VAGUEST[0]), 1.5 * 1.5]
     }
@@ -197,6 +197,7 @@ fn middle<S: Space>(touches: &[Touch<S>]) -> S::Vector {
 
 /// The tangent at the predicted pose that turns the object by `turn` and brings its middle to
 /// `middle` (world frame).
+#[inline(never)]
 fn facing<
     S: Chart,
     const FACES: usize,
@@ -208,14 +209,8 @@ fn facing<
     middle: S::Vector,
     turn: S::Tangent,
 ) -> S::Tangent {
-    let (mut own, mut count) = (S::Vector::ZERO, 0.0);
-    for (_, point) in prior.witnesses() {
-        own += point;
-        count += 1.0;
-    }
-    own = own * (1.0 / math::max(count, 1.0));
     let turned = prior.pose.retract(turn);
-    let shift = prior.pose.untransform(middle) - prior.pose.unrotate(turned.rotate(own));
+    let shift = prior.pose.untransform(middle) - prior.pose.unrotate(turned.rotate(prior.middle()));
     let mut tangent = turn;
     for i in 0..S::DIMENSION {
         tangent[i] = shift[i];

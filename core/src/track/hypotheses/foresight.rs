@@ -92,12 +92,7 @@ impl<
                 *alone.at_mut(i, j) = work.joint.at(i, j);
             }
         }
-        let (mut middle, mut count) = (S::Vector::ZERO, 0.0);
-        for (_, point) in best.witnesses() {
-            middle += point;
-            count += 1.0;
-        }
-        middle = middle * (1.0 / math::max(count, 1.0));
+        let middle = best.middle();
         let mut radius = LEAST_RADIUS * LEAST_RADIUS;
         for (_, point) in best.witnesses() {
             radius = math::max(radius, (point - middle).norm_squared());

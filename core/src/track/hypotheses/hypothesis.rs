@@ -110,16 +110,10 @@ impl<S: Chart, const FACES: usize, const ROWS: usize, const PACKED: usize, const
     /// Nothing lies further than `reach` (metres) from the middle.
     pub fn room(&self, reach: f32) -> f32 {
         const COUNT: usize = 32;
-        let mut middle = S::Vector::ZERO;
-        let mut count = 0.0;
-        for (_, point) in self.witnesses() {
-            middle += point;
-            count += 1.0;
-        }
-        if count == 0.0 {
+        if self.faces == 0 {
             return S::DIRECTIONS * reach;
         }
-        middle = middle * (1.0 / count);
+        let middle = self.middle();
         let mut sum = 0.0;
         for i in 0..COUNT {
             let direction = S::direction(i, COUNT);
@@ -138,6 +132,17 @@ impl<S: Chart, const FACES: usize, const ROWS: usize, const PACKED: usize, const
             sum += math::max(outer - inner, 0.0);
         }
         sum * (S::DIRECTIONS / COUNT as f32)
+    }
+
+    /// The mean of the points that were touched, object frame; zero of none.
+    #[inline(never)]
+    pub fn middle(&self) -> S::Vector {
+        let (mut sum, mut count) = (S::Vector::ZERO, 0.0);
+        for (_, point) in self.witnesses() {
+            sum += point;
+            count += 1.0;
+        }
+        sum * (1.0 / math::max(count, 1.0))
     }
 
     /// Takes the belief of `work`, whose mean is relative to `self.pose` and to its planes.

@@ -158,6 +158,7 @@ impl<const ROWS: usize, const PACKED: usize> Joint<ROWS, PACKED> {
     }
 
     /// P += scale · g·gᵀ.
+    #[inline(never)]
     fn add_outer(&mut self, g: &[f32; ROWS], scale: f32) {
         let mut rest = &mut self.lower[..start(self.rows)];
         for i in 0..self.rows {

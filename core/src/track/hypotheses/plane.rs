@@ -98,6 +98,7 @@ impl<S: Space> Record<S> {
         }
     }
 
+    #[inline(never)]
     pub fn touch(&mut self, point: S::Vector) {
         if self.contacts == 0 {
             (self.centre, self.ends) = (point, [point; 2]);

@@ -5,7 +5,6 @@ use crate::contact::FreePoint;
 use crate::math::{self, normal};
 use crate::matrix::Coordinates;
 use crate::space::{Pose, Space};
-use crate::track::Separation;
 
 use super::beam::{Beam, FACE, Node, OPENS, WILD};
 use super::chart::Chart;
@@ -19,8 +18,8 @@ const BEAM: usize = 16;
 /// Whole answers kept at most, of all hypotheses.
 pub(super) const LEAVES: usize = 32;
 
-/// Answers with the same labels this close together (of a [`Separation::DEFAULT`]) are one.
-const COPY: f32 = 0.1;
+/// Answers with the same labels this close together (metres and radians, squared) are one.
+const COPY: f32 = 1e-5;
 
 /// Partial answers this many nats behind the best are given up.
 const HOPELESS: f32 = 12.0;
@@ -298,6 +297,7 @@ impl<S: Chart> Search<S> {
 
     /// All that one more contact may be.
     #[allow(clippy::too_many_arguments)]
+    #[inline(never)]
     fn extend<const FACES: usize, const ROWS: usize, const PACKED: usize, const GRASPS: usize>(
         &mut self,
         work: &Work<S, FACES, ROWS, PACKED>,
@@ -345,6 +345,7 @@ impl<S: Chart> Search<S> {
     }
 
     /// Scores a whole answer at its own best pose.
+    #[inline(never)]
     fn finish<const FACES: usize, const ROWS: usize, const PACKED: usize, const GRASPS: usize>(
         &mut self,
         work: &mut Work<S, FACES, ROWS, PACKED>,
@@ -392,7 +393,7 @@ impl<S: Chart> Search<S> {
         // The same answer, found from another root of a lost object.
         let same = |other: &Leaf<S>| {
             (other.parent, other.node.labels) == (leaf.parent, leaf.node.labels)
-                && Separation::DEFAULT.between::<S>(&other.pose, &leaf.pose) < COPY
+                && (other.node.tangent + leaf.node.tangent * -1.0).norm_squared() < COPY
         };
         if let Some(copy) = self.leaves().iter().position(same) {
             if self.leaves[copy].node.score >= leaf.node.score {
@@ -425,7 +426,7 @@ mod tests {
         let mut search = Search::<Planar>::new();
         let leaf = |x: f32, label: u8, score: f32| {
             let mut node = Node::UNSET;
-            (node.labels[0], node.score) = (label, score);
+            (node.labels[0], node.tangent, node.score) = (label, Vector([x, 0.0, 0.0]), score);
             let pose = PlanarPose::new(Vector([x, 0.0]), 0.0);
             Leaf { node, parent: 0, known: 1, opened: 0, wild: 0, pose }
         };

@@ -331,6 +331,7 @@ const SAME: [f32; 2] = [1e-6, 1e-9];
 /// How far plane `q` is from `p` along each coordinate of `p`, and the derivatives of that by the
 /// coordinates of both.
 #[allow(clippy::type_complexity)]
+#[inline(never)]
 pub(super) fn between<S: Chart>(
     p: &Plane<S>,
     q: &Plane<S>,
