@@ -135,6 +135,7 @@ impl<
             let (search, work, prior) = (&mut self.search, &mut self.work, &self.slots[slot]);
             let middle = middle(felt.touches);
             let turns = if wider[1] > 0.0 { S::TURNS } else { 1 };
+            // One place that searches, for one copy of it in a board's flash (as all that is not inlined here).
             let mut turn = 0;
             while turn < turns {
                 let group = turn..(turn + 8).min(turns);
