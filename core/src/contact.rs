@@ -1,5 +1,7 @@
 //! What a hand feels: contacts, fingertips that touched nothing, and a grasp of both.
 
+use core::ops::RangeInclusive;
+
 use heapless::Vec;
 
 use crate::matrix::Coordinates;
@@ -27,7 +29,7 @@ pub enum ContactError {
     Point,
     /// The normal is not finite, or its length is not within 10⁻³ of one.
     Normal,
-    /// A standard deviation is not finite and positive.
+    /// A standard deviation is not between 10⁻⁹ and 10⁶.
     Deviation,
 }
 
@@ -36,7 +38,7 @@ impl core::fmt::Display for ContactError {
         f.write_str(match self {
             ContactError::Point => "the point must be within 1000 km",
             ContactError::Normal => "the normal must have length 1 within 0.001",
-            ContactError::Deviation => "standard deviations must be finite and positive",
+            ContactError::Deviation => "standard deviations must be between 1e-9 and 1e6",
         })
     }
 }
@@ -46,12 +48,16 @@ impl core::error::Error for ContactError {}
 /// Farthest that a contact may be from the origin, metres.
 const FARTHEST: f32 = 1e6;
 
+/// Least and greatest standard deviation, metres and radians: variances, their reciprocals, and these times
+/// squares of the farthest are numbers that `f32` has.
+const DEVIATIONS: RangeInclusive<f32> = 1e-9..=1e6;
+
 impl<S: Space> Contact<S> {
     /// The contact with its normal scaled to exactly one.
     ///
     /// # Errors
     /// When a number is not finite, the point farther away than 1000 km, the normal off unit length by more
-    /// than 10⁻³, or a standard deviation not positive.
+    /// than 10⁻³, or a standard deviation (metres or radians) not between 10⁻⁹ and 10⁶.
     pub fn checked(mut self) -> Result<Self, ContactError> {
         // Squares of what is farther away would be infinite.
         if !(self.point.norm() <= FARTHEST) {
@@ -63,8 +69,8 @@ impl<S: Space> Contact<S> {
             }
             self.normal = n.normalized();
         }
-        let positive = |d: f32| d > 0.0 && d.is_finite();
-        if !positive(self.point_deviation) || !positive(self.normal_deviation) {
+        let usable = |d: f32| DEVIATIONS.contains(&d);
+        if !usable(self.point_deviation) || !usable(self.normal_deviation) {
             return Err(ContactError::Deviation);
         }
         Ok(self)
@@ -137,5 +143,33 @@ impl<'a, S: Space> GraspView<'a, S> {
         let placed =
             move |c: Contact<S>| Some((pose.untransform(c.point), pose.unrotate(c.normal?)));
         self.usable().filter_map(placed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::matrix::Vector;
+    use crate::space::Planar;
+
+    #[test]
+    fn deviations_whose_squares_are_no_numbers_are_refused() {
+        let of = |point_deviation, normal_deviation| {
+            let contact = Contact::<Planar> {
+                point: Vector([0.03, 0.0]),
+                normal: Some(Vector([1.0, 0.0])),
+                point_deviation,
+                normal_deviation,
+                finger: 0,
+            };
+            contact.checked().map(|_| ())
+        };
+        for usable in [1e-9, 1e-3, 1e6] {
+            assert_eq!((of(usable, 0.09), of(1e-3, usable)), (Ok(()), Ok(())));
+        }
+        for unusable in [-1e-3, 0.0, 1e-20, 1e-10, 1e7, 1e20, f32::INFINITY, f32::NAN] {
+            let refused = Err(ContactError::Deviation);
+            assert_eq!((of(unusable, 0.09), of(1e-3, unusable)), (refused, refused));
+        }
     }
 }

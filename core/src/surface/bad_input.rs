@@ -95,7 +95,14 @@ fn sets<S: Space>(scale: f32) -> Vec<(&'static str, Vec<Contact<S>>)> {
         ("inside out", with(&|_, c| c.normal = c.normal.map(|n| -n))),
         ("no noise", with(&|_, c| (c.point_deviation, c.normal_deviation) = (0.0, 0.0))),
         ("hardly any noise", with(&|_, c| (c.point_deviation, c.normal_deviation) = (1e-9, 1e-9))),
-        ("noise beyond reason", with(&|_, c| (c.point_deviation, c.normal_deviation) = (1e3, 1e3))),
+        ("noise beyond reason", with(&|_, c| (c.point_deviation, c.normal_deviation) = (1e6, 1e6))),
+        (
+            "noise of every size",
+            with(&|i, c| {
+                let size = [1e-30, 1e-20, 1e-9, 1e-3, 1e6, 1e15, 1e19, 1e38][i % 8];
+                (c.point_deviation, c.normal_deviation) = (size, size);
+            })
+        ),
         (
             "NaN noise",
             with(&|i, c| if i == 2 {

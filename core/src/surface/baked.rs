@@ -12,7 +12,8 @@ const MARGIN: f32 = 0.03;
 
 /// The map `M`, asked through a [`Grid`] of `NODES` nodes about its contacts; exactly as before
 /// outside the grid, and until the first [`refit`](Map::refit). [`Grid::bound`] and
-/// [`Grid::error`] say what interpolation costs.
+/// [`Grid::error`] say what interpolation costs. A map does not say which contacts it let go: the grid is
+/// about all since it was cleared, and one far away leaves it coarse until then.
 ///
 /// ```
 /// use tactile_core::contact::Contact;

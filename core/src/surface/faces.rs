@@ -6,7 +6,9 @@
 //! normals), so a face of any number of contacts takes the same memory, two faces are merged
 //! by adding, and nothing is linearised. At the least cost ρ = n·centroid, and n solves a trust-region
 //! problem on the unit sphere (Moré and Sorensen, *Computing a trust region step*, 1983). Moments are kept
-//! about each face's centroid: no frame is special, and single precision suffices.
+//! about each face's centroid: no frame is special, and single precision suffices for planes of up to 100 000
+//! σ_p across, 10 m at 0.1 mm. The cost is what is left of larger numbers: from some 3000 σ_p across it is
+//! rounding, which may part a few contacts from their face, and says no more whether that is bent.
 //!
 //! Contacts join the face whose cost they raise least; faces are merged when their union costs no
 //! more than noise would (χ² gate). Convexity is an assumption, so what the contacts say against it is

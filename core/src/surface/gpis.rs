@@ -438,6 +438,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
         }
     }
 
+    /// The prior stays as the last refit fitted it, until the next.
     fn clear(&mut self) {
         self.kernel = self.given;
         (self.count, self.enclosing) = (0, 0);

@@ -263,6 +263,53 @@ fn points_without_normals_refine_faces_and_open_none() {
 }
 
 /// The least variances of a model of contacts whose normals say next to nothing.
+/// How far the normal of the face with most contacts is off at the ends of a square side, in deviations of its
+/// contacts, the part of the contacts which that face has, and χ² per degree of freedom.
+fn side_of(size: f32, deviation: f32, seed: u64) -> [f32; 3] {
+    let random = &mut Random::new(seed);
+    let normal = random.normal::<Vector<3>>().normalized().unwrap();
+    let [u, v] = Spatial::tangents(normal);
+    let mut faces = Faces::<Spatial, 16>::new();
+    for _ in 0..200 {
+        let across = [u, v].map(|t| t * (size * (random.uniform() - 0.5)));
+        let [turn, tilt] = [u, v].map(|t| t * (NORMAL * random.normal_pair().0));
+        faces.insert(&Contact {
+            point: normal * (0.5 * size + deviation * random.normal_pair().0)
+                + across[0]
+                + across[1],
+            normal: (normal + turn + tilt).normalized(),
+            point_deviation: deviation,
+            normal_deviation: NORMAL,
+            finger: 0,
+        });
+    }
+    let largest = faces.faces().iter().max_by_key(|f| f.contacts).unwrap();
+    let off = 0.5 * (largest.normal - normal).norm() * size / deviation;
+    [off, f32::from(largest.contacts) / 200.0, faces.chi_squared() / faces.degrees() as f32]
+}
+
+#[test]
+fn from_a_millimetre_to_ten_metres_planes_are_as_good_as_their_contacts() {
+    for seed in 0..10 {
+        for (size, deviation) in
+            [(1e-3, 1e-5), (0.1, 1e-3), (0.3, 1e-4), (10.0, 1e-2), (10.0, 3.5e-3)]
+        {
+            let [off, share, misfit] = side_of(size, deviation, seed);
+            assert!(
+                off < 0.6 && share == 1.0 && (misfit - 1.0).abs() < 0.3,
+                "{size}: {off} {misfit}"
+            );
+        }
+        for (size, deviation) in [(1.0, 1e-5), (10.0, 1e-3), (10.0, 1e-4)] {
+            let [off, share, misfit] = side_of(size, deviation, seed);
+            assert!(
+                off < 0.6 && share > 0.9 && misfit.is_finite(),
+                "{size}: {off} {share} {misfit}"
+            );
+        }
+    }
+}
+
 fn least_variances<S: Space>(seed: u64) -> [f32; 2] {
     let mut random = Random::new(seed);
     let mut faces = Faces::<S, 7>::new();
