@@ -27,8 +27,8 @@ impl Outline {
     ///
     /// # Errors
     /// When a coordinate is not finite, a loop has fewer than three distinct vertices or no area,
-    /// two edges cross, or so many edges lie beside each other, or so many loops, that finding out
-    /// would take very long: never with up to [`MOST_VERTICES`] vertices.
+    /// two edges cross, in a vertex or elsewhere, or so many edges lie beside each other, or so many loops,
+    /// that finding out would take very long: never with up to [`MOST_VERTICES`] vertices.
     pub fn new(loops: Vec<Vec<[f64; 2]>>) -> Result<Outline, ShapeError> {
         let mut loops = loops;
         let mut flat = None;
@@ -56,12 +56,14 @@ impl Outline {
         if let Some(number) = flat {
             return Err(ShapeError::NoArea { number });
         }
-        let depths: Vec<usize> = (0..loops.len())
-            .map(|i| {
-                let first = loops[i][0];
-                (0..loops.len()).filter(|&j| j != i && winds_around(&loops[j], first)).count()
-            })
-            .collect();
+        let boxes: Vec<[[f64; 2]; 2]> = loops.iter().map(|l| box_of(l)).collect();
+        let is_in = |i: usize, j: usize| {
+            let ([low, high], [outer_low, outer_high]) = (boxes[i], boxes[j]);
+            let fits = (0..2).all(|k| outer_low[k] <= low[k] && high[k] <= outer_high[k]);
+            j != i && fits && is_within(&loops[i], &loops[j])
+        };
+        let depths: Vec<usize> =
+            (0..loops.len()).map(|i| (0..loops.len()).filter(|j| is_in(i, *j)).count()).collect();
         for (vertices, depth) in loops.iter_mut().zip(depths) {
             if (signed_area(vertices) > 0.0) != (depth % 2 == 0) {
                 vertices.reverse();
@@ -224,8 +226,34 @@ fn nearest_share(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
     s.clamp(0.0, 1.0)
 }
 
+/// Least and greatest corner of the box about vertices.
+fn box_of(vertices: &[[f64; 2]]) -> [[f64; 2]; 2] {
+    let around = |[low, high]: [[f64; 2]; 2], v: &[f64; 2]| {
+        [[low[0].min(v[0]), low[1].min(v[1])], [high[0].max(v[0]), high[1].max(v[1])]]
+    };
+    vertices.iter().fold([[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]], around)
+}
+
+/// Whether a loop lies within another, which it does not cross but may touch: a vertex or the middle of an
+/// edge tells that is not on the other's boundary.
+fn is_within(inner: &[[f64; 2]], outer: &[[f64; 2]]) -> bool {
+    let [low, high] = box_of(outer);
+    let touching = 1e-9 * (high[0] - low[0]).max(high[1] - low[1]);
+    let next = |vertices: &[[f64; 2]], i: usize| vertices[(i + 1) % vertices.len()];
+    let is_off = |p: &[f64; 2]| {
+        let mut edges = outer.iter().enumerate().map(|(i, a)| (*a, next(outer, i)));
+        edges.all(|(a, b)| squared_distance(*p, a, b) > touching * touching)
+    };
+    let middle = |(i, a): (usize, &[f64; 2])| {
+        let b = next(inner, i);
+        [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])]
+    };
+    let mut places = inner.iter().copied().chain(inner.iter().enumerate().map(middle));
+    winds_around(outer, places.find(is_off).unwrap_or(inner[0]))
+}
+
 /// Whether a ray from `p` along +x crosses the polygon an odd number of times.
-fn winds_around(vertices: &[[f64; 2]], p: [f64; 2]) -> bool {
+pub(super) fn winds_around(vertices: &[[f64; 2]], p: [f64; 2]) -> bool {
     let mut inside = false;
     for (i, b) in vertices.iter().enumerate() {
         let a = vertices[(i + vertices.len() - 1) % vertices.len()];
@@ -240,20 +268,23 @@ fn winds_around(vertices: &[[f64; 2]], p: [f64; 2]) -> bool {
 /// An edge with the box around it and the position of its first vertex, counted over all loops.
 struct Edge {
     ends: [[f64; 2]; 2],
+    /// Where the next edge ends.
+    beyond: [f64; 2],
     low: [f64; 2],
     high: [f64; 2],
     first: usize,
 }
 
-/// Whether no two edges properly cross. Touching is allowed: contours of a field may meet at a saddle.
+/// Whether no two edges properly cross, and no boundary another in a vertex. Touching is allowed: contours of
+/// a field may meet at a saddle.
 fn check_simple(loops: &[Vec<[f64; 2]>]) -> Result<(), ShapeError> {
     let mut edges: Vec<Edge> = Vec::new();
     for l in loops {
         let first = edges.len();
         edges.extend((0..l.len()).map(|i| {
-            let [a, b] = [l[i], l[(i + 1) % l.len()]];
+            let [a, b, beyond] = [0, 1, 2].map(|k| l[(i + k) % l.len()]);
             let [low, high] = [f64::min, f64::max].map(|f| [f(a[0], b[0]), f(a[1], b[1])]);
-            Edge { ends: [a, b], low, high, first: first + i }
+            Edge { ends: [a, b], beyond, low, high, first: first + i }
         }));
     }
     // A sweep along x, or along y where fewer edges lie beside each other: only those are compared.
@@ -268,21 +299,47 @@ fn check_simple(loops: &[Vec<[f64; 2]>]) -> Result<(), ShapeError> {
         return Err(ShapeError::Intricate { vertices: edges.len(), loops: loops.len() });
     }
     along(&mut edges, axis);
-    let side = |[a, b]: [[f64; 2]; 2], p: [f64; 2]| {
-        cross([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]])
-    };
     let parts = |e: &Edge, f: &Edge| side(e.ends, f.ends[0]) * side(e.ends, f.ends[1]) < 0.0;
     let across = 1 - axis;
     for (i, e) in edges.iter().enumerate() {
         for f in beside(&edges, i, axis) {
             let near = e.low[across] <= f.high[across] && f.low[across] <= e.high[across];
-            if near && parts(e, f) && parts(f, e) {
+            let crosses = || parts(e, f) && parts(f, e) || ends_across(e, f) || ends_across(f, e);
+            if near && crosses() {
                 let (a, b) = (e.first.min(f.first), e.first.max(f.first));
                 return Err(ShapeError::Crossing { a, b });
             }
         }
     }
     Ok(())
+}
+
+/// On which side of the line from `a` to `b` a point is: positive on the left.
+fn side([a, b]: [[f64; 2]; 2], p: [f64; 2]) -> f64 {
+    cross([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]])
+}
+
+/// Whether the boundary passes to the other side of `f` in the vertex where `e` ends.
+fn ends_across(e: &Edge, f: &Edge) -> bool {
+    let ([from, vertex], [start, end]) = (e.ends, f.ends);
+    let is_between = || {
+        let is_near = (0..2).all(|k| f.low[k] <= vertex[k] && vertex[k] <= f.high[k]);
+        is_near && start != vertex && side(f.ends, vertex) == 0.0
+    };
+    let onward = if end == vertex {
+        f.beyond
+    } else if is_between() {
+        end
+    } else {
+        return false;
+    };
+    // Left of the way through the vertex, right of it, or on it.
+    let is_left_turn = side([from, vertex], e.beyond) > 0.0;
+    let around = |p: [f64; 2]| {
+        let (before, after) = (side([from, vertex], p), side([vertex, e.beyond], p));
+        if is_left_turn { before.min(after) } else { before.max(after) }
+    };
+    around(start) * around(onward) < 0.0
 }
 
 /// Of edges sorted by their lower ends along an axis, those behind the `i`-th that begin before it ends.
@@ -383,6 +440,41 @@ mod tests {
         assert!(matches!(bow, Err(ShapeError::Crossing { a: 0, b: 2 })), "{bow:?}");
         let bad = new(&[[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.2]]);
         assert!(matches!(bad, Err(ShapeError::Crossing { a: 0, b: 2 })), "{bad:?}");
+    }
+
+    #[test]
+    fn boundaries_may_meet_in_a_vertex_and_not_cross_there() {
+        let new = |l: &[[f64; 2]]| Outline::new(vec![l.to_vec()]);
+        // Two triangles with a tip in common, around both in turn and around one of them the wrong way.
+        let [a, b, tip, c, d] = [[-1.0, -1.0], [-1.0, 1.0], [0.0, 0.0], [2.0, 1.0], [2.0, -1.0]];
+        let meeting = new(&[a, tip, d, c, tip, b]).unwrap();
+        assert!((meeting.area() - 3.0).abs() < 1e-12);
+        let bow = new(&[a, tip, c, d, tip, b]);
+        assert!(matches!(bow, Err(ShapeError::Crossing { a: 0, b: 3 })), "{bow:?}");
+        // A vertex in the middle of an edge, from one side to the other and back from it.
+        let through = new(&[[0.0, 0.0], [4.0, 0.0], [4.0, 1.0], [2.0, 0.0], [1.0, -2.0]]);
+        assert!(matches!(through, Err(ShapeError::Crossing { .. })), "{through:?}");
+        let dent = new(&[[0.0, 0.0], [4.0, 0.0], [4.0, 1.0], [2.0, 0.0], [0.0, 1.0]]).unwrap();
+        assert!((dent.area() - 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_hole_may_touch_what_it_is_in() {
+        let square = |half: f64| vec![[half, half], [-half, half], [-half, -half], [half, -half]];
+        // From each of its corners on, which are on the boundary or not.
+        for first in 0..4 {
+            let mut hole = vec![[2.0, 0.0], [1.0, 1.0], [0.0, 0.0], [1.0, -1.0]];
+            hole.rotate_left(first);
+            let outline = Outline::new(vec![square(2.0), hole]).unwrap();
+            assert!((outline.area() - 14.0).abs() < 1e-12, "{first}: {}", outline.area());
+        }
+        // All of its corners.
+        let diamond = vec![[2.0, 0.0], [0.0, 2.0], [-2.0, 0.0], [0.0, -2.0]];
+        let outline = Outline::new(vec![diamond, square(2.0)]).unwrap();
+        assert!((outline.area() - 8.0).abs() < 1e-12);
+        // Beside each other, with a side in common.
+        let beside = square(2.0).iter().map(|[x, y]| [x + 4.0, *y]).collect();
+        assert!((Outline::new(vec![square(2.0), beside]).unwrap().area() - 32.0).abs() < 1e-12);
     }
 
     /// A line that goes to and fro, `width` wide, `count` times, and back on the left.
