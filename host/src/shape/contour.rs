@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 
 use super::lattice::{Lattice, LatticeError, Samples, deviations_at, values_at};
+use super::outline::winds_around;
 use super::settle::{self, Tangent, meeting, settle, tangents};
 use super::{Field, Outline};
 use crate::space::Point;
@@ -153,8 +154,8 @@ fn corners(
 impl Contour {
     /// Only the components that were touched: each contact (object frame, metres) votes for the
     /// loop it is nearest to, and loops with a tenth of the votes stay, as does the loop with the
-    /// most. What a field makes up where nobody has felt anything goes, and so do the pockets it
-    /// leaves inside. Without contacts, the largest loop.
+    /// most, and what the holes among them are holes of. What a field makes up where nobody has felt
+    /// anything goes, and so do the pockets it leaves inside. Without contacts, the largest loop.
     pub fn touched(&self, contacts: &[Point]) -> Contour {
         let clouds: Vec<Vec<Point>> = self
             .outline
@@ -163,7 +164,16 @@ impl Contour {
             .map(|l| l.iter().map(|v| Point::new(v[0], v[1], 0.0)).collect())
             .collect();
         let sizes: Vec<f64> = self.outline.loops.iter().map(|l| signed_area(l)).collect();
-        let keep = components_touched(&clouds, &sizes, contacts);
+        let mut keep = components_touched(&clouds, &sizes, contacts);
+        let loops = &self.outline.loops;
+        let holes: Vec<usize> = (0..loops.len()).filter(|i| keep[*i] && sizes[*i] < 0.0).collect();
+        for hole in holes {
+            let is_around = |i: &usize| sizes[*i] > 0.0 && winds_around(&loops[*i], loops[hole][0]);
+            let around = (0..loops.len()).filter(is_around);
+            if let Some(nearest) = around.min_by(|a, b| sizes[*a].total_cmp(&sizes[*b])) {
+                keep[nearest] = true;
+            }
+        }
         self.select(|i| keep[i])
     }
 
@@ -546,6 +556,17 @@ mod tests {
         let balanced = [on_left[0], on_left[1], stray, stray];
         assert_eq!(contour.touched(&balanced).outline.loops.len(), 2);
         assert!(contour.largest().outline.loops[0].iter().all(|v| v[0] > 0.0));
+    }
+
+    #[test]
+    fn a_hole_that_was_touched_is_one_of_something() {
+        let contour = trace(|x, y| (x.hypot(y) - 0.045).abs() - 0.015, 0.003);
+        let within: Vec<Point> = (0..9)
+            .map(|i| 0.03 * Point::new(f64::from(i).cos(), f64::from(i).sin(), 0.0))
+            .collect();
+        let touched = contour.touched(&within);
+        assert_eq!(touched.outline.loops.len(), 2);
+        assert!(!touched.outline.contains(&Point::zeros()));
     }
 
     proptest! {
