@@ -202,8 +202,8 @@ impl Superquadric {
         self.form.distance(p).0
     }
 
-    /// Unit vector along which the value grows most: on the surface, the outward normal. Zero at the
-    /// centre.
+    /// Unit vector along which G grows most: on the surface, where the value does too, the outward normal.
+    /// Zero at the centre.
     pub fn gradient(&self, p: &Point) -> Point {
         self.form.distance(p).1
     }
@@ -353,8 +353,9 @@ impl Form {
         turn.matrix().column_iter().take(count).map(|a| a.into_owned()).collect()
     }
 
-    /// First-order distance, metres, and the unit direction in which it grows; at the centre the least half
-    /// length and no direction.
+    /// First-order distance, metres, and the unit direction in which G grows, which is that in which the
+    /// distance does on the surface and nearly so beside it; at the centre the least half length and no
+    /// direction.
     pub fn distance(&self, p: &Point) -> (f64, Point) {
         let (g, slope) = self.gauge(p);
         let steepness = slope.norm();
