@@ -10,8 +10,8 @@ use super::{FORMAT, GraspLog, LogError, LoggedContact, LoggedGrasp, Noise, TrueS
 use crate::space::{self, Point, Pose};
 
 /// Fills a temporary neighbour of `path` and renames it to `path` once it is complete, so that
-/// whoever looks at `path` sees the old file, the new one, or none, never a part. Something that
-/// is not a regular file, such as `/dev/stdout`, is written to directly.
+/// whoever looks at `path`, after a crash too, sees the old file, the new one, or none, never a
+/// part. Something that is not a regular file, such as `/dev/stdout`, is written to directly.
 ///
 /// # Errors
 /// When the folder does not exist or cannot be written, when `path` is a folder, or when `fill`
@@ -58,6 +58,8 @@ pub fn write_atomically(
     fill(&mut writer)?;
     writer.flush()?;
     drop(writer);
+    // Else the name may be on the disk before the content is.
+    file.as_file().sync_all()?;
     // Whoever may read the old file may read the new one, and nobody else.
     if let Ok(metadata) = old {
         file.as_file().set_permissions(metadata.permissions())?;
