@@ -480,7 +480,7 @@ fn faced(
 /// Where they are, without those in more doubt than contacts usually are by [`VAGUE`]: what weighs points
 /// beside faces takes each for as certain as a contact, and those of one grasp at a doubtful pose, wrong
 /// together, would outweigh many.
-fn outside(contacts: &[Contact], free: &[Free]) -> Vec<Point> {
+pub(crate) fn outside(contacts: &[Contact], free: &[Free]) -> Vec<Point> {
     let mut deviations: Vec<f64> = contacts.iter().map(|c| c.point_deviation).collect();
     deviations.sort_by(f64::total_cmp);
     let usual = deviations.get(deviations.len() / 2).copied().unwrap_or(f64::INFINITY);

@@ -12,7 +12,7 @@ use crate::slam::choose::{self, Model};
 use crate::slam::fit::fit;
 use crate::slam::free::Free;
 use crate::slam::place::Placed;
-use crate::slam::reconstruct::{Reconstruction, extract_at};
+use crate::slam::reconstruct::{Reconstruction, extract_at, outside};
 use crate::space::Point;
 use crate::thin::evenly;
 
@@ -115,11 +115,9 @@ fn coarse(
     free: &[Free],
     flat: bool,
 ) -> Option<(Geometry, Vec<f64>)> {
-    if flat {
-        let outside: Vec<Point> = free.iter().map(|f| f.point).collect();
-        if let Ok((_, polytope)) = choose::judge(dimension, contacts, &outside) {
-            return Some(coloured(&polytope.geometry, &polytope));
-        }
+    if flat && let Ok((_, polytope)) = choose::judge(dimension, contacts, &outside(contacts, free))
+    {
+        return Some(coloured(&polytope.geometry, &polytope));
     }
     let blend = fit(dimension, contacts, free).ok()?.surface;
     let (geometry, deviations) =

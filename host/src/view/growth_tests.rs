@@ -68,6 +68,27 @@ fn what_does_not_close_is_shown_about_the_contacts() {
 }
 
 #[test]
+fn vague_free_points_open_no_faces() {
+    let side = |i: usize| {
+        let (sin, cos) = (std::f64::consts::FRAC_PI_2 * i as f64).sin_cos();
+        let out = Point::new(cos, sin, 0.0);
+        [-0.03, -0.01, 0.01, 0.03].map(|along| Contact {
+            point: out * 0.04 + Point::new(-sin, cos, 0.0) * along,
+            normal: Some(out),
+            point_deviation: 1e-3,
+            normal_deviation: 0.05,
+        })
+    };
+    let contacts: Vec<Contact> = (0..4).flat_map(side).collect();
+    let at = |i: usize| Point::new(0.002 * i as f64 - 0.02, 0.0, 0.0);
+    let free: Vec<Free> = (0..FREE).map(|i| Free { point: at(i), deviation: 0.03 }).collect();
+    let (alone, _) = coarse(2, &contacts, &[], true).unwrap();
+    let (beside, _) = coarse(2, &contacts, &free, true).unwrap();
+    assert_eq!(beside.bounds(), alone.bounds());
+    assert!((alone.size() - 0.32).abs() < 0.02, "{}", alone.size());
+}
+
+#[test]
 fn cutting_a_mesh_keeps_it_closed_and_its_volume() {
     let fine = subdivided(&cube(), 0.3);
     assert!(fine.is_watertight());
