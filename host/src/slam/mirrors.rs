@@ -14,7 +14,7 @@ use crate::model::body::Body;
 use crate::model::mirror::{Image, Mirror};
 use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
 use crate::shape::Geometry;
-use crate::space::Point;
+use crate::space::{Point, across};
 use crate::thin::evenly;
 
 /// Nats by which contacts must be likelier with one plane more, what its numbers take up paid for: odds of 50:1, for
@@ -179,8 +179,7 @@ impl Search<'_> {
         let Some(axis) = self.axis() else {
             return (0..ANYWHERE).map(|i| hemisphere(i, ANYWHERE)).collect();
         };
-        let first = square(&axis);
-        let second = axis.cross(&first);
+        let [first, second] = across(3, &axis);
         let step = std::f64::consts::PI / f64::from(AROUND);
         let angles = (0..AROUND).map(|i| (f64::from(i) * step).sin_cos());
         angles.map(|(sin, cos)| first * cos + second * sin).collect()
@@ -190,7 +189,7 @@ impl Search<'_> {
     fn turns(&self, normal: &Point) -> Vec<Point> {
         match self.axis() {
             Some(axis) => vec![normal.cross(&axis)],
-            None => vec![square(normal), normal.cross(&square(normal))],
+            None => across(3, normal).to_vec(),
         }
     }
 
@@ -322,13 +321,8 @@ fn hemisphere(index: u32, count: u32) -> Point {
     let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     let z = (f64::from(index) + 0.5) / f64::from(count);
     let (sin, cos) = (golden * f64::from(index)).sin_cos();
-    let across = (1.0 - z * z).sqrt();
-    Point::new(across * cos, across * sin, z)
-}
-
-/// A unit vector square to a unit vector.
-fn square(axis: &Point) -> Point {
-    axis.cross(&Point::ith(axis.iamin(), 1.0)).normalize()
+    let out = (1.0 - z * z).sqrt();
+    Point::new(out * cos, out * sin, z)
 }
 
 #[cfg(test)]
