@@ -4,6 +4,7 @@ use proptest::prelude::*;
 
 use super::gpis::Error;
 use super::*;
+use crate::model::body::Body;
 use crate::shape::Field;
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -213,6 +214,20 @@ fn the_default_ball_stands_about_the_contacts() {
     assert_eq!(Prior::about([]), None);
     let Some(Prior::Ball { radius, .. }) = Prior::about([points[1]; 3]) else { panic!() };
     assert_eq!(radius, Prior::LEAST_RADIUS);
+}
+
+#[test]
+fn without_contacts_it_is_the_prior_with_its_doubt() {
+    let body = Body::doubtful_ball(2, &ellipsoid(2, 8, 1)).unwrap();
+    let p = Point::new(0.05, 0.02, 0.0);
+    let doubt: f64 = body.modes(&p).iter().map(|mode| mode.0.powi(2)).sum();
+    let expected = KERNELS[0].radial(0.0).value + doubt;
+    let value = body.value(&p);
+    let surface = Gpis::fit(2, KERNELS[0], body, Training::Derivative, &[]).unwrap();
+    let (mean, covariance) = surface.joint(&[p]);
+    assert!(doubt > 1e-6 && (covariance[(0, 0)] - expected).abs() < 1e-12);
+    assert!((surface.variances(&[p])[0] - expected).abs() < 1e-12);
+    assert_eq!((mean[0], surface.shifts().iter().all(|z| *z == 0.0)), (value, true));
 }
 
 fn point() -> impl Strategy<Value = Point> {

@@ -146,9 +146,9 @@ impl<'a> Rows<'a> {
 
     /// The prior's modes at the rows, one a column.
     pub fn modes(&self) -> DMatrix<f64> {
-        let rows = self.observations.len();
-        let count = self.felt.len().checked_div(rows).unwrap_or(0);
-        DMatrix::from_row_slice(rows, count, &self.felt)
+        // As many at every point, also where there is no row.
+        let count = self.prior.modes(&Point::zeros()).len();
+        DMatrix::from_row_slice(self.observations.len(), count, &self.felt)
     }
 
     /// Where the rows are and what of the field they are.
