@@ -18,12 +18,13 @@ const ODDS: f64 = 0.5;
 /// Places of a cut that are tried.
 const PLACES: u32 = 20;
 
-/// A cut across a corner, with its probability to none.
+/// A cut across a corner.
 struct Cut {
     plane: Plane,
     /// Of its offset, metres.
     deviation: f64,
-    odds: f64,
+    /// By how much it is more probable than none, nats.
+    gain: f64,
 }
 
 /// What a cut is judged by.
@@ -58,10 +59,10 @@ impl Body {
             let near = along.fold(f64::NEG_INFINITY, f64::max);
             sharp.cut(normal, near, normal.dot(&meeting(one, other, &centre, &planes)?))
         });
-        let cut = cuts.filter(|cut| cut.odds > 1.0).max_by(|a, b| a.odds.total_cmp(&b.odds))?;
+        let cut = cuts.filter(|cut| cut.gain > 0.0).max_by(|a, b| a.gain.total_cmp(&b.gain))?;
         let mut body = self.clone();
         body.end(cut.plane, cut.deviation);
-        body.oddity -= cut.odds.ln();
+        body.oddity -= cut.gain;
         Some(body)
     }
 }
@@ -78,18 +79,22 @@ impl Sharp {
         let place = |step: u32| {
             let offset = near + (far - near) * (f64::from(step) + 0.5) / f64::from(PLACES);
             let left = area(offset - normal.dot(&self.centre));
-            (offset, (whole / left).powf(self.contacts as f64))
+            (offset, (whole / left).ln() * self.contacts as f64)
         };
         let places: Vec<(f64, f64)> = (0..PLACES).map(place).collect();
+        // Of many contacts the likelihoods themselves are no numbers.
+        let most = places.iter().map(|(_, nats)| *nats).fold(f64::NEG_INFINITY, f64::max);
+        let places = places.into_iter().map(|(offset, nats)| (offset, (nats - most).exp()));
+        let places: Vec<(f64, f64)> = places.collect();
         let sum: f64 = places.iter().map(|(_, likelihood)| likelihood).sum();
         let mean = |of: &dyn Fn(f64) -> f64| {
             places.iter().map(|(offset, likelihood)| of(*offset) * likelihood).sum::<f64>() / sum
         };
         let offset = mean(&|offset| offset);
         let deviation = mean(&|other| (other - offset).powi(2)).sqrt();
-        let odds = ODDS * (far - near) / self.reach * sum / f64::from(PLACES);
-        let is_usable = odds.is_finite() && deviation.is_finite();
-        is_usable.then_some(Cut { plane: Plane { normal, offset }, deviation, odds })
+        let gain = (ODDS * (far - near) / self.reach * sum / f64::from(PLACES)).ln() + most;
+        let is_usable = gain.is_finite() && deviation.is_finite();
+        is_usable.then_some(Cut { plane: Plane { normal, offset }, deviation, gain })
     }
 }
 
@@ -171,6 +176,9 @@ mod tests {
             assert!(sure.oddity() < blunted.oddity() - 2.0);
             assert!(sure.planes().last().unwrap().offset < cut.offset);
             assert_eq!(blunted.blunted(dimension, &contacts), None);
+            // However many there are.
+            let surest = body.blunted(dimension, &contacts.repeat(1_000)).unwrap();
+            assert!(surest.oddity() < sure.oddity() - 100.0);
         }
     }
 
