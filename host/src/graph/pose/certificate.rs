@@ -82,7 +82,7 @@ pub enum Certificate {
 /// Part of χ² that a certified global minimum can be below.
 pub const TOLERANCE: f64 = 1e-6;
 
-/// χ² below this is rounding, in units of variance.
+/// χ² below this is rounding, in what an edge costs on average that is one radian off about an axis.
 const ROUNDING: f64 = 1e-9;
 
 impl Certificate {
@@ -278,6 +278,8 @@ struct Dual<'p, const H: usize, const N: usize> {
     chi2: f64,
     /// What χ² is above its bound at these poses.
     slack: f64,
+    /// χ² that is rounding.
+    rounding: f64,
 }
 
 impl<'p, const H: usize, const N: usize> Dual<'p, H, N> {
@@ -293,7 +295,7 @@ impl<'p, const H: usize, const N: usize> Dual<'p, H, N> {
         let mut matrix = Blocks::<H>::new(places);
         // M Y.
         let mut forces = vec![SMatrix::<f64, H, N>::zeros(); graph.poses.len()];
-        let (mut chi2, mut slack) = (0.0, 0.0);
+        let (mut chi2, mut slack, mut turning) = (0.0, 0.0, 0.0);
         for (index, edge) in graph.edges.iter().enumerate() {
             let (from, to) = (edge.from, edge.to);
             let error = G::error(&graph.poses[from], &graph.poses[to], &edge.measured);
@@ -303,6 +305,7 @@ impl<'p, const H: usize, const N: usize> Dual<'p, H, N> {
             let value = lifted[from].dot(&by_from) + lifted[to].dot(&by_to) + bound.constant;
             let own = error.dot(&(edge.information * error));
             chi2 += own;
+            turning += (N..D).map(|axis| edge.information[(axis, axis)]).sum::<f64>();
             slack += (own - value).max(0.0);
             forces[from] += by_from;
             forces[to] += by_to;
@@ -334,7 +337,9 @@ impl<'p, const H: usize, const N: usize> Dual<'p, H, N> {
                 }
             }
         }
-        Ok(Dual { places, matrix, lifted, gradient, chi2, slack })
+        let axes = graph.edges.len().max(1) * (D - N);
+        let rounding = ROUNDING * turning / axes as f64;
+        Ok(Dual { places, matrix, lifted, gradient, chi2, slack, rounding })
     }
 
     fn certificate(&self, ids: &[u64]) -> Certificate {
@@ -343,7 +348,7 @@ impl<'p, const H: usize, const N: usize> Dual<'p, H, N> {
         match self.matrix.clone().solve(&mut solved) {
             Ok(()) => {
                 let gap = self.slack + dot(&self.gradient, &solved);
-                if gap.is_finite() && gap <= TOLERANCE * chi2 + ROUNDING {
+                if gap.is_finite() && gap <= TOLERANCE * chi2 + self.rounding {
                     Certificate::Certified { chi2, gap }
                 } else {
                     Certificate::Bounded { chi2, gap }

@@ -152,6 +152,22 @@ fn the_eigenvalue_is_what_is_missing() {
 }
 
 #[test]
+fn weights_of_any_size_are_judged_alike() {
+    let best = optimum::<Se2, 3, 2>(3, 0.03);
+    let mut beside = best.clone();
+    beside.poses[7] = beside.poses[7].compose(&Se2::new(1e-3, -1e-3, 1e-3));
+    for scale in [1e-12, 1.0, 1e12] {
+        let judged = |graph: &PoseGraph<Se2, 3>| {
+            let mut graph = graph.clone();
+            graph.edges.iter_mut().for_each(|edge| edge.information *= scale);
+            certify(&graph).unwrap()
+        };
+        assert!(judged(&best).is_certified(), "{scale}");
+        assert!(matches!(judged(&beside), Certificate::Bounded { .. }), "{scale}");
+    }
+}
+
+#[test]
 fn half_a_turn_has_no_bound_and_nothing_is_certain_about_nothing() {
     let poses = vec![Se2::new(0.0, 0.0, 0.0), Se2::new(0.0, 0.0, std::f64::consts::PI)];
     let measured = Se2::new(0.0, 0.0, 0.0);
