@@ -38,6 +38,10 @@ const DISMISSED: f64 = 3.0;
 /// degrees of freedom exceeds twice that once in a thousand.
 const REFUSED: f64 = 8.0;
 
+/// Pairs tried for each constraint that there may be: in a long log of contacts that fit nowhere there is no
+/// end of them.
+const TRIED: usize = 4;
+
 /// One relative pose that two grasps may have.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Choice<G, const D: usize> {
@@ -128,7 +132,7 @@ impl Front<'_> {
     /// All constraints.
     pub fn constraints<G: Motion<D>, const D: usize>(&self, rules: Rules) -> Constraints<G, D> {
         let mut similar: Vec<Constraint<G, D>> = Vec::new();
-        for pair in scattered(self.similar) {
+        for pair in scattered(self.similar, rules.most) {
             if similar.len() == rules.most {
                 break;
             }
@@ -284,8 +288,8 @@ fn choice<G: Motion<D>, const D: usize>(
 }
 
 /// The pairs that share most faces first, and among these in an order that takes near and far ones as
-/// they come.
-fn scattered(similar: &[Similar]) -> Vec<&Similar> {
+/// they come: as many as are tried for at most so many constraints.
+fn scattered(similar: &[Similar], most: usize) -> Vec<&Similar> {
     let mixed = |pair: &Similar| {
         let [i, j] = pair.grasps.map(|g| g as u64);
         (i.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ j.wrapping_mul(0xc2b2_ae3d_27d4_eb4f))
@@ -294,6 +298,7 @@ fn scattered(similar: &[Similar]) -> Vec<&Similar> {
     };
     let mut order: Vec<&Similar> = similar.iter().collect();
     order.sort_by_key(|pair| (usize::MAX - pair.faces.len(), mixed(pair), pair.grasps));
+    order.truncate(most.saturating_mul(TRIED));
     order
 }
 
@@ -332,6 +337,16 @@ pub fn frames(problem: &Problem, poses: &[Pose]) -> Vec<Pose> {
 mod tests {
     use super::*;
     use crate::sim::{Options, simulate};
+
+    #[test]
+    fn no_more_pairs_are_tried_than_there_may_be_constraints_for() {
+        let pair = |k: usize| Similar { grasps: [k, k + 1], faces: vec![0; 3 + k % 3] };
+        let pairs: Vec<Similar> = (0..100).map(pair).collect();
+        assert_eq!(scattered(&pairs, usize::MAX).len(), 100);
+        let tried = scattered(&pairs, 5);
+        assert_eq!(tried.len(), 5 * TRIED);
+        assert!(tried.iter().all(|pair| pair.faces.len() == 5));
+    }
 
     #[test]
     fn a_turn_moves_grasps_by_how_far_they_are_from_the_middle() {
