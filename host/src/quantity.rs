@@ -40,6 +40,22 @@ pub struct Deviation {
     pub angle: f64,
 }
 
+/// How far something was moved and how much turned, whatever the direction and the axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Displacement {
+    /// Metres, not negative.
+    pub length: f64,
+    /// Radians, not negative.
+    pub angle: f64,
+}
+
+impl std::fmt::Display for Displacement {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Displacement { length, angle } = *self;
+        Deviation { length, angle }.fmt(f)
+    }
+}
+
 impl std::fmt::Display for Deviation {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         // Rounded far below any sensor, so that 0.01 m reads 10mm and not 10.000000000000002mm.
@@ -159,15 +175,29 @@ pub fn turn(text: &str) -> Result<f64, QuantityError> {
 /// # Errors
 /// When there are not exactly two, beyond 1 m or a whole turn, or as [`length`] and [`angle`].
 pub fn deviation(text: &str) -> Result<Deviation, QuantityError> {
+    let (length, angle) = length_and_angle(text)?;
+    Ok(Deviation { length, angle })
+}
+
+/// A displacement such as `300mm,60deg`.
+///
+/// # Errors
+/// As of [`deviation`].
+pub fn displacement(text: &str) -> Result<Displacement, QuantityError> {
+    let (length, angle) = length_and_angle(text)?;
+    Ok(Displacement { length, angle })
+}
+
+fn length_and_angle(text: &str) -> Result<(f64, f64), QuantityError> {
     let parts: Vec<&str> = text.split(',').collect();
     let [first, second] = parts[..] else {
         return Err(wrong("a length and an angle such as 10mm,20deg", format!("{text:?}")));
     };
-    let deviation = Deviation { length: length(first)?, angle: angle(second)? };
-    if deviation.length > MOST_LENGTH || deviation.angle > MOST_ANGLE {
-        return Err(wrong("deviations up to 1 m and 360°", format!("{text:?}")));
+    let (length, angle) = (length(first)?, angle(second)?);
+    if length > MOST_LENGTH || angle > MOST_ANGLE {
+        return Err(wrong("a length and an angle up to 1 m and 360°", format!("{text:?}")));
     }
-    Ok(deviation)
+    Ok((length, angle))
 }
 
 /// The size in metres of a unit of length given by its name, such as `mm`.

@@ -79,6 +79,7 @@ mod tests {
             touch: Touch::Hand,
             contact_noise: deviation("1mm,5deg").unwrap(),
             motion_noise: deviation("3mm,5deg").unwrap(),
+            carried: None,
             outliers: 0.0,
             free: true,
             seed: 4,

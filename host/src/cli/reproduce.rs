@@ -282,7 +282,8 @@ fn compare_shapes(args: &ReproduceArgs) -> Result<(), Error> {
 
 /// The comparison of all trackers, row by row as they are done.
 fn compare_trackers(args: &ReproduceArgs) -> Result<(), Error> {
-    let PartArgs { object, noise, first_seed, tracker, graph, outliers, grasps, .. } = &args.part;
+    let PartArgs { object, noise, first_seed, tracker, graph, carried, outliers, grasps, .. } =
+        &args.part;
     let percent = |part: &str| {
         part.trim()
             .trim_end_matches('%')
@@ -301,6 +302,7 @@ fn compare_trackers(args: &ReproduceArgs) -> Result<(), Error> {
         noise: noise.collect::<Result<_, _>>()?,
         contenders: tracker.clone(),
         graph: graph.unwrap_or(graph::Kind::None),
+        carried: *carried,
         outliers: outliers.unwrap_or(0.0),
         grasps: *grasps,
         seeds: args.seeds(),

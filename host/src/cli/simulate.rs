@@ -7,7 +7,7 @@ use clap::Args;
 use super::terminal::tell;
 use super::{Error, files};
 use crate::log::words::Kind;
-use crate::quantity::{self, Deviation};
+use crate::quantity::{self, Deviation, Displacement};
 use crate::shape::Geometry;
 use crate::sim::objects::KINDS;
 use crate::sim::sensed::sense;
@@ -43,6 +43,10 @@ pub struct SimulateArgs {
     #[arg(long, value_name = "LENGTH,ANGLE", default_value = "10mm,20deg",
           value_parser = quantity::deviation, allow_hyphen_values = true)]
     motion_noise: Deviation,
+    /// Carry the object so far away before the middle grasp, in any direction, turned so much about any axis.
+    /// The hand finds it there, but the log does not say that it was carried
+    #[arg(long, value_name = "LENGTH,ANGLE", value_parser = quantity::displacement, allow_hyphen_values = true)]
+    carried: Option<Displacement>,
     /// Which part of the contacts is wild: within 30 mm of the surface, with any normal
     #[arg(long, value_name = "FRACTION", default_value_t = 0.0, allow_negative_numbers = true)]
     outliers: f64,
@@ -82,6 +86,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Error> {
             None => args.contact_noise,
         },
         motion_noise: args.motion_noise,
+        carried: args.carried,
         outliers: args.outliers,
         free: true,
         seed: args.seed,
@@ -145,7 +150,7 @@ mod tests {
         assert!(log.grasps.iter().map(|g| g.contacts.len()).sum::<usize>() > 60);
 
         let all = "--object box:0.12x0.06x0.06 --grasps 3 --contacts 40 --touch uniform \
-            --contact-noise 2mm,0 --motion-noise 0,0.1rad --outliers 0.05 --seed 9";
+            --contact-noise 2mm,0 --motion-noise 0,0.1rad --carried 0.3m,60deg --outliers 0.05 --seed 9";
         run_line(&all.split_whitespace().collect::<Vec<_>>().join(" "), &path).unwrap();
         let log = GraspLog::read(&path).unwrap();
         assert!(log.grasps.len() == 3 && log.grasps.iter().all(|g| g.contacts.len() == 40));
@@ -154,6 +159,7 @@ mod tests {
             (log.noise.translation, log.noise.rotation),
             (Some(Noise::LEAST_TRANSLATION), Some(0.1))
         );
+        assert!(log.description.contains("carried 300mm,60deg away"), "{}", log.description);
         assert!(folder.path().join("a.ply").exists());
 
         let sensed = "--object box:0.12x0.06x0.06 --grasps 3 --sensors electrodes";
@@ -180,6 +186,7 @@ mod tests {
             ("--object sphere:0.1 --touch foot", "possible values: hand, uniform"),
             ("--object sphere:0.1 --contact-noise 5deg,1mm", "--contact-noise"),
             ("--object sphere:0.1 --motion-noise 10mm", "a length and an angle"),
+            ("--object sphere:0.1 --carried=-1m,0deg", "--carried <LENGTH,ANGLE>"),
             ("--object sphere:0.1 --outliers 2", "--outliers: expected a fraction from 0 to 1"),
             ("--object sphere:0.1 --seed x", "--seed"),
             ("--object sphere:0.1 --sensors skin", "possible values: wrench, electrodes"),

@@ -20,7 +20,7 @@ use crate::experiment::{Spread, with_room};
 use crate::graph;
 use crate::log::GraspLog;
 use crate::model::Faces;
-use crate::quantity::Deviation;
+use crate::quantity::{Deviation, Displacement};
 use crate::sim::{ObjectSpec, Options, SimError, simulate};
 use crate::slam::track::{Step, truth};
 use crate::slam::trackers::Kind;
@@ -155,6 +155,8 @@ pub struct Selection {
     pub contenders: Vec<Contender>,
     /// What corrects the trackers' poses afterwards.
     pub graph: graph::Kind,
+    /// How far the object is carried half-way, which no log says.
+    pub carried: Option<Displacement>,
     /// Part of the contacts that is wild.
     pub outliers: f64,
     /// How many in each run; as the simulator has it where `None`.
@@ -211,7 +213,7 @@ pub struct Row {
 /// The table.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
-    /// Seeds and outliers.
+    /// Seeds, outliers and what else was made of the objects.
     pub title: String,
     /// One per case and contender.
     pub rows: Vec<Row>,
@@ -244,15 +246,16 @@ pub fn run(selection: &Selection, mut done: impl FnMut(&Row)) -> Result<Comparis
             }
         }
     }
-    let Selection { outliers, seeds, first_seed, .. } = selection;
+    let Selection { carried, outliers, seeds, first_seed, .. } = selection;
     let title = format!(
-        "Tracking{}: contacts 1 mm and 5°, {:.0} % of them wild, seeds {first_seed} to {}",
+        "Tracking{}: contacts 1 mm and 5°, {:.0} % of them wild{}, seeds {first_seed} to {}",
         match selection.graph {
             graph::Kind::Planes => ", corrected by the joint graph",
             graph::Kind::Pairwise => ", corrected by the pairwise graph",
             graph::Kind::None => "",
         },
         100.0 * outliers,
+        carried.map_or(String::new(), |by| format!(", objects carried {by} away half-way")),
         (first_seed + seeds).saturating_sub(1)
     );
     let overall = overall(&rows);
@@ -353,6 +356,7 @@ fn options(spec: &ObjectSpec, percent: f64, selection: &Selection) -> Options {
     let part = percent / 100.0;
     Options {
         motion_noise: Deviation { length: full.length * part, angle: full.angle * part },
+        carried: selection.carried,
         outliers: selection.outliers,
         grasps: selection.grasps,
         ..Options::new(spec.clone())

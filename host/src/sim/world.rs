@@ -11,7 +11,7 @@ use super::touch::{FINGERS, Felt, Hand, Touch};
 use crate::log::words::WordsError;
 use crate::log::write::write_atomically;
 use crate::log::{GraspLog, LogError, LoggedContact, LoggedGrasp, MAX_CONTACTS, Noise, TrueShape};
-use crate::quantity::Deviation;
+use crate::quantity::{Deviation, Displacement};
 use crate::shape::Geometry;
 use crate::shape::files::{FileError, ply_to_writer};
 use crate::space::{Point, Pose};
@@ -45,6 +45,9 @@ pub struct Options {
     pub contact_noise: Deviation,
     /// Of the object's motion between grasps, per axis in the object frame about its centroid.
     pub motion_noise: Deviation,
+    /// How far the object is carried before the middle grasp, in any direction and about any axis, of which
+    /// the log says nothing.
+    pub carried: Option<Displacement>,
     /// Which part of all contacts is wild: within 30 mm of the surface, with any normal.
     pub outliers: f64,
     /// Whether a hand reports fingertips that touched nothing.
@@ -64,6 +67,7 @@ impl Options {
             touch: Touch::Hand,
             contact_noise: Deviation { length: 1e-3, angle: 5f64.to_radians() },
             motion_noise: Deviation { length: 1e-2, angle: 20f64.to_radians() },
+            carried: None,
             outliers: 0.0,
             free: true,
             seed: 0,
@@ -140,7 +144,8 @@ pub struct Simulation {
 /// Between grasps the hand turns the object about the middle of the last grasp: in the plane by
 /// 22.5°, in space by 30° about z and every fourth time by 45° about x or y. That is the log's
 /// motion; the true pose then slips: T_k = (motion_k · T_{k−1}) ⊕ v with v drawn per axis of the
-/// object frame about the object's centroid.
+/// object frame about the object's centroid. An object that is carried is not only where that leaves it,
+/// but elsewhere, and the hand follows it there.
 ///
 /// # Errors
 /// When an option is out of range, the object has no geometry, or no finger reaches it.
@@ -149,7 +154,7 @@ pub fn simulate(options: &Options) -> Result<Simulation, SimError> {
     let geometry = options.object.geometry()?;
     let dimension = geometry.dimension();
     let centre = geometry.centroid();
-    let [mut slips, mut hands, mut noise, mut wild] = Random::streams(options.seed);
+    let [mut slips, mut hands, mut noise, mut wild, mut elsewhere] = Random::streams(options.seed);
 
     let shift = uniform3(dimension, FIRST_OFFSET, &mut slips);
     let turned = turn(dimension, FIRST_TURN, &mut slips);
@@ -168,6 +173,9 @@ pub fn simulate(options: &Options) -> Result<Simulation, SimError> {
                 options.motion_noise.angle * normal_turn(dimension, &mut slips),
             );
             pose = turned * pose * slip;
+            if let Some(by) = options.carried.filter(|_| index == grasps / 2) {
+                pose *= carried(dimension, &centre, by, &mut elsewhere);
+            }
             pose.rotation.renormalize();
             motion = Some(turned);
         }
@@ -286,7 +294,19 @@ pub(super) fn check(options: &Options) -> Result<(), SimError> {
             return refuse(option, "standard deviations from 0", deviation.to_string());
         }
     }
+    if let Some(by) = options.carried
+        && !(by.length >= 0.0 && by.length.is_finite() && by.angle >= 0.0 && by.angle.is_finite())
+    {
+        return refuse("--carried", "a length and an angle from 0", by.to_string());
+    }
     Ok(())
+}
+
+/// A displacement of an object about its centroid, object frame.
+fn carried(dimension: usize, centre: &Point, by: Displacement, random: &mut Random) -> Pose {
+    let shift = by.length * random.direction(dimension);
+    let axis = if dimension == 3 { random.direction(3) } else { Point::z() };
+    about(centre, shift, by.angle * axis)
 }
 
 /// The motion that turns about `centre` and shifts.
@@ -388,6 +408,7 @@ pub(super) fn stated(options: &Options) -> Noise {
 
 fn description(options: &Options, grasps: usize) -> String {
     let Options { object, contacts, contact_noise, motion_noise, outliers, seed, .. } = options;
+    let away = options.carried.map_or(String::new(), |by| format!(", carried {by} away half-way"));
     let touch = match options.touch {
         Touch::Hand => "a hand",
         Touch::Uniform => "uniform draws",
@@ -395,7 +416,7 @@ fn description(options: &Options, grasps: usize) -> String {
     let object = object.without_folders();
     format!(
         "simulated {object}: {grasps} grasps of {contacts} contacts by {touch}, contact noise \
-         {contact_noise}, motion noise {motion_noise}, outliers {outliers}, seed {seed}"
+         {contact_noise}, motion noise {motion_noise}{away}, outliers {outliers}, seed {seed}"
     )
 }
 

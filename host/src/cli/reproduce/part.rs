@@ -12,6 +12,7 @@ use crate::experiment::shapes;
 use crate::experiment::tracking::Contender;
 use crate::explore::Criterion;
 use crate::graph;
+use crate::quantity::{self, Displacement};
 
 /// Which part of a comparison to run: all of it together runs for hours.
 #[derive(Debug, PartialEq, Args)]
@@ -49,6 +50,10 @@ pub(super) struct PartArgs {
     /// table-4.3 planes]
     #[arg(long, value_enum)]
     pub graph: Option<graph::Kind>,
+    /// Of tracking: carry the object so far away before the middle grasp, turned so much, of which logs say
+    /// nothing
+    #[arg(long, value_name = "LENGTH,ANGLE", value_parser = quantity::displacement, allow_hyphen_values = true)]
+    pub carried: Option<Displacement>,
     /// Of shapes and tracking: which part of the contacts is wild [default: 0]; of pose-graph-outliers: only this
     /// part of the closures false, at random and in groups [default: 0.1, 0.3 and 0.5]
     #[arg(long, value_name = "PART", allow_negative_numbers = true)]
@@ -102,7 +107,7 @@ impl PartArgs {
         ];
         const SPOILED: &[&str] = &[SHAPES, TRACKING, CONSISTENCY, POSE_GRAPH_OUTLIERS];
         const CORRECTED: &[&str] = &[TRACKING, MUJOCO, EXPLORATION[1]];
-        let options: [(_, &'static [&'static str], bool); 12] = [
+        let options: [(_, &'static [&'static str], bool); 13] = [
             ("--object", ALL, !self.object.is_empty()),
             ("--first-seed", COMPARISONS, self.first_seed.is_some()),
             ("--noise", NOISY, self.noise.is_some()),
@@ -110,6 +115,7 @@ impl PartArgs {
             ("--model", &[SHAPES], !self.model.is_empty()),
             ("--tracker", TRACKERS, !self.tracker.is_empty()),
             ("--graph", CORRECTED, self.graph.is_some()),
+            ("--carried", SIMULATED, self.carried.is_some()),
             ("--outliers", SPOILED, self.outliers.is_some()),
             ("--grasps", SIMULATED, self.grasps.is_some()),
             ("--criterion", &EXPLORATION, !self.criterion.is_empty()),

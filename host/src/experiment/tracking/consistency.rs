@@ -291,6 +291,7 @@ mod tests {
             objects: vec!["rectangle:0.10".into(), "ellipse:0.06x0.06".into()],
             noise: vec![25.0],
             contenders: vec![Contender::Oracle, "ekf".parse().unwrap()],
+            carried: None,
             outliers: 0.0,
             grasps: Some(5),
             seeds: 3,

@@ -137,6 +137,7 @@ fn dead_reckoning_drifts_and_the_oracle_does_not() {
         noise: vec![100.0],
         contenders: vec![Contender::Oracle, Contender::Odometry],
         graph: crate::graph::Kind::None,
+        carried: None,
         outliers: 0.0,
         grasps: None,
         seeds: 2,

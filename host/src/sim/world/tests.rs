@@ -112,6 +112,32 @@ fn contact_noise_has_its_deviations_and_touches_the_same_places() {
 }
 
 #[test]
+fn a_carried_object_is_elsewhere_from_the_middle_on_and_nothing_else_changes() {
+    let by = Displacement { length: 0.3, angle: 1.0 };
+    for object in ["rectangle:0.12x0.06", "lshape:0.09x0.09x0.035x0.05"] {
+        let plain = simulate(&options(object, 5)).unwrap();
+        let moved = simulate(&Options { carried: Some(by), ..options(object, 5) }).unwrap();
+        let centre = plain.geometry.centroid();
+        let middle = plain.log.grasps.len() / 2;
+        for (a, b) in plain.log.grasps.iter().zip(&moved.log.grasps).take(middle) {
+            assert_eq!(a, b);
+        }
+        let (a, b) = (&plain.log.grasps[middle], &moved.log.grasps[middle]);
+        assert_eq!(a.motion, b.motion);
+        let (a, b) = (a.truth.unwrap(), b.truth.unwrap());
+        let shift = (b * Point3::from(centre) - a * Point3::from(centre)).norm();
+        assert!((shift - 0.3).abs() < 1e-9, "{shift}");
+        assert!((b.rotation.angle_to(&a.rotation) - 1.0).abs() < 1e-9);
+        // Nothing but the usual happens later.
+        for pair in moved.log.grasps.windows(2).skip(middle) {
+            let predicted = pair[1].motion.unwrap() * pair[0].truth.unwrap();
+            let slip = predicted.inverse() * pair[1].truth.unwrap() * Point3::from(centre) - centre;
+            assert!(slip.coords.norm() < 0.06, "{slip}");
+        }
+    }
+}
+
+#[test]
 fn outliers_come_in_their_proportion_and_stay_near() {
     let wild = Options { outliers: 0.2, grasps: Some(300), ..noiseless("box:0.12x0.06x0.06", 2) };
     let simulation = simulate(&wild).unwrap();
@@ -181,6 +207,13 @@ fn options_out_of_range_are_refused() {
         (
             Options { motion_noise: Deviation { length: f64::NAN, angle: 0.0 }, ..good.clone() },
             "--motion-noise: expected standard deviations",
+        ),
+        (
+            Options {
+                carried: Some(Displacement { length: 1.0, angle: f64::NAN }),
+                ..good.clone()
+            },
+            "--carried: expected a length and an angle",
         ),
     ];
     for (options, expected) in cases {
