@@ -262,7 +262,6 @@ fn points_without_normals_refine_faces_and_open_none() {
     assert!(faces.faces().iter().map(|f| f.variance(side[0].centre)).sum::<f32>() < 0.5 * before);
 }
 
-/// The least variances of a model of contacts whose normals say next to nothing.
 /// How far the normal of the face with most contacts is off at the ends of a square side, in deviations of its
 /// contacts, the part of the contacts which that face has, and χ² per degree of freedom.
 fn side_of(size: f32, deviation: f32, seed: u64) -> [f32; 3] {
@@ -310,6 +309,7 @@ fn from_a_millimetre_to_ten_metres_planes_are_as_good_as_their_contacts() {
     }
 }
 
+/// The least variances of a model of contacts whose normals say next to nothing.
 fn least_variances<S: Space>(seed: u64) -> [f32; 2] {
     let mut random = Random::new(seed);
     let mut faces = Faces::<S, 7>::new();

@@ -77,8 +77,9 @@ impl<
     /// Explains the first `count` touches and the free points by every hypothesis and keeps the best
     /// explanations; as the first part of a grasp, or where its first part was.
     ///
-    /// What is no likelier so than contacts with nothing in particular is sought wherever the object may have
-    /// slipped to: faces are endless, and new ones explain whatever is felt, where it is felt.
+    /// What too few known faces explain, or what is no likelier so than contacts with nothing in particular, is
+    /// sought wherever the object may have slipped to: faces are endless, and new ones explain whatever is felt,
+    /// where it is felt.
     #[inline(never)]
     pub(super) fn absorb(
         &mut self,
@@ -100,7 +101,8 @@ impl<
         let touches = self.touches[..count].iter();
         let nothing: f32 = touches.map(|touch| wild_of::<S>(touch.directed)).sum();
         let poor = mapped && is_first && !(here.density > nothing);
-        if poor && let Some(slipped) = self.explain(count, free, anywhere) {
+        let sought = poor || mapped && is_first && here.known < 2;
+        if sought && let Some(slipped) = self.explain(count, free, anywhere) {
             let density = slipped.density + SLIP;
             if slipped.is_sure(S::DIMENSION, count) && density > math::max(here.density, nothing) {
                 let outcome = self.take(slipped, count, free, anywhere);
@@ -110,8 +112,8 @@ impl<
         if mapped && (2 * here.wild > count || poor && here.known < 2) {
             return LOST;
         }
-        if poor {
-            // Sought elsewhere in vain.
+        if sought {
+            // In vain.
             self.explain(count, free, HERE);
         }
         self.take(here, count, free, HERE)

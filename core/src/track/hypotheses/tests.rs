@@ -568,6 +568,30 @@ fn an_object_carried_away_is_missed_at_once_and_found_again() {
     }
 }
 
+/// A new face or two that fit, or old ones prolonged, and there is more than nothing to be said for it.
+#[test]
+fn a_triangle_carried_away_gets_no_new_sides() {
+    let polygon = Polygon::regular(3, 0.03);
+    for seed in 0..24 {
+        let mut random = Random::new(seed);
+        let mut tracker = Box::new(Plane2::new());
+        tracker.set_motion_noise(MotionNoise { translation: 2.5e-3, rotation: 0.087 });
+        let rest = Some(&PlanarPose::IDENTITY);
+        for k in 0..8 {
+            tracker.update(rest, view(&polygon.grasp(&PlanarPose::IDENTITY, k, &mut random)));
+        }
+        let (sin, cos) = math::sin_cos(seed as f32);
+        let elsewhere = PlanarPose::new(Vector([0.3 * cos, 0.3 * sin]), 1.0);
+        let first = tracker.update(rest, view(&polygon.grasp(&elsewhere, 8, &mut random)));
+        assert_ne!(first.status, Status::Tracking, "{seed}");
+        for k in 9..14 {
+            tracker.update(rest, view(&polygon.grasp(&elsewhere, k, &mut random)));
+        }
+        let sides = tracker.faces().filter(|face| face.contacts > 2).count();
+        assert_eq!(sides, 3, "{seed}");
+    }
+}
+
 #[test]
 fn contacts_without_room_in_the_first_grasp_are_no_loss() {
     let polygon = Polygon::regular(16, 0.05);
