@@ -152,7 +152,7 @@ where
         let mut h = SMatrix::<f64, D, D>::zeros();
         let mut g = SVector::<f64, D>::zeros();
         let step = factors::step(before, &pose, &motion.pose, motion.deviations, centre);
-        let weight = problem.slip.cost(step.residual.norm_squared()).1;
+        let weight = problem.slip(grasp, step.residual.norm_squared()).1;
         let after = SMatrix::<f64, 6, D>::from_fn(|r, c| step.by_after[(r, chosen[c])]);
         h += after.tr_mul(&after) * weight;
         g += after.tr_mul(&step.residual) * weight;

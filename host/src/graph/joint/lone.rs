@@ -51,8 +51,8 @@ impl<'a> Between<'a> {
     pub fn normal<const D: usize>(&self, pose: &Pose) -> Normal<D> {
         let (mut square, mut slope) = (SMatrix::zeros(), SVector::zeros());
         let chosen = axes::<D>();
-        let mut add = |residual: &Vector6<f64>, by: &Matrix6<f64>| {
-            let weight = self.problem.slip.cost(residual.norm_squared()).1;
+        let mut add = |k: usize, residual: &Vector6<f64>, by: &Matrix6<f64>| {
+            let weight = self.problem.slip(k, residual.norm_squared()).1;
             let rows = SMatrix::<f64, 6, D>::from_fn(|r, c| by[(r, chosen[c])]);
             square += rows.tr_mul(&rows) * weight;
             slope += rows.tr_mul(residual) * weight;
@@ -62,10 +62,10 @@ impl<'a> Between<'a> {
             factors::step(from, to, &motion.pose, motion.deviations, &self.centre)
         };
         let to = step(self.grasp, self.before, pose);
-        add(&to.residual, &to.by_after);
+        add(self.grasp, &to.residual, &to.by_after);
         if let Some(after) = self.after {
             let from = step(self.grasp + 1, pose, after);
-            add(&from.residual, &from.by_before);
+            add(self.grasp + 1, &from.residual, &from.by_before);
         }
         (square, slope)
     }

@@ -453,8 +453,11 @@ fn per_degree(problem: &Problem, state: &State, labels: &Labels) -> f64 {
         let motion = &problem.motions[k];
         let (before, after) = (&state.poses[k - 1], &state.poses[k]);
         let step = step(before, after, &motion.pose, motion.deviations, &centre);
+        let squared = step.residual.norm_squared();
         // A slip says nothing about the faces.
-        chi += 2.0 * problem.slip.cost(step.residual.norm_squared()).0;
+        if !problem.is_carried(k, squared) {
+            chi += 2.0 * problem.slip(k, squared).0;
+        }
     }
     chi / (degrees - (d * state.faces.len()) as f64).max(1.0)
 }

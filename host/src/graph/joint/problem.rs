@@ -6,7 +6,7 @@ use crate::reference::Contact;
 use crate::slam::{deviations, track, usual_deviations};
 use crate::space::{Point, Pose};
 
-use super::factors::{Kernel, step};
+use super::factors::Kernel;
 use super::relation::Relation;
 use super::tangent::Face;
 
@@ -76,8 +76,6 @@ pub struct Problem {
     pub edges: bool,
     /// Robustness of contacts.
     pub kernel: Kernel,
-    /// Robustness of motions, so that one slip does not bend what lies around it.
-    pub slip: Kernel,
 }
 
 /// Which face, edge or corner each contact lies on; `None` where none explains it.
@@ -170,7 +168,6 @@ impl Problem {
             weight: 1.0,
             edges: false,
             kernel: Kernel::USUAL,
-            slip: Kernel::USUAL,
         };
         let astray = problem.astray();
         for (felt, astray) in problem.felt.iter_mut().zip(astray) {
@@ -270,13 +267,6 @@ impl Problem {
         felt.contact.transformed(&poses[felt.grasp].inverse())
     }
 
-    /// What the motion before a grasp costs between the poses `before` and `after` it, slips about `centre`.
-    pub fn moved(&self, grasp: usize, before: &Pose, after: &Pose, centre: &Point) -> f64 {
-        let Motion { pose, deviations } = &self.motions[grasp];
-        let step = step(before, after, pose, *deviations, centre);
-        self.slip.cost(step.residual.norm_squared()).0
-    }
-
     /// −ln of the density of a face's direction and offset before anything was felt.
     pub fn vague(&self) -> f64 {
         let directions = if self.dimension == 2 { 2.0 } else { 4.0 } * std::f64::consts::PI;
@@ -291,9 +281,7 @@ impl Problem {
     /// What a contact costs, nats, that is of the object, which alone costs `on` ([`Problem::exact`] among
     /// it), or wild; and the chance that it is of the object.
     pub fn or_wild(&self, contact: &Contact, on: f64) -> (f64, f64) {
-        let wild = RARE + self.unexplained(contact);
-        let less = if on < wild { on } else { wild };
-        (less - (-(on - wild).abs()).exp().ln_1p(), 1.0 / (1.0 + (on - wild).exp()))
+        either(on, RARE + self.unexplained(contact))
     }
 
     /// How many numbers a contact measures: with a normal as many as a face has, else how far it is off alone.
@@ -339,6 +327,12 @@ fn median(mut all: Vec<f64>) -> f64 {
 
 fn finite(pose: &Pose) -> bool {
     pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|v| v.is_finite())
+}
+
+/// What costs either this or that, nats, and the chance of the first.
+pub(super) fn either(first: f64, second: f64) -> (f64, f64) {
+    let least = if first < second { first } else { second };
+    (least - (-(first - second).abs()).exp().ln_1p(), 1.0 / (1.0 + (first - second).exp()))
 }
 
 #[cfg(test)]

@@ -162,7 +162,7 @@ pub fn linearise<const D: usize>(
         let motion = &problem.motions[k];
         let (before, after) = (&state.poses[k - 1], &state.poses[k]);
         let step = factors::step(before, after, &motion.pose, motion.deviations, centre);
-        let (own, weight) = problem.slip.cost(step.residual.norm_squared());
+        let (own, weight) = problem.slip(k, step.residual.norm_squared());
         cost += own;
         arrow.add_step(k, &step, weight);
     }

@@ -251,7 +251,7 @@ fn linearise<const D: usize>(
         let motion = &problem.motions[k];
         let step =
             factors::step(&poses[k - 1], &poses[k], &motion.pose, motion.deviations, &centre);
-        let weight = problem.slip.cost(step.residual.norm_squared()).1;
+        let weight = problem.slip(k, step.residual.norm_squared()).1;
         arrow.add_step(k, &step, weight);
     }
     arrow

@@ -208,7 +208,7 @@ impl Front<'_> {
         // What the motion costs that takes the object to a pose.
         let astray = |to: &Pose| {
             let step = factors::step(&before, to, &motion.pose, motion.deviations, &centre);
-            self.problem.slip.cost(step.residual.norm_squared()).0
+            self.problem.slip(k, step.residual.norm_squared()).0
         };
         let moved = |to: &Pose| self.relative(k - 1, &before, k, to);
         let pair = [k - 1, k];

@@ -53,7 +53,6 @@ impl Scene {
                 weight: 1.0,
                 edges: false,
                 kernel: Kernel::USUAL,
-                slip: Kernel::USUAL,
             },
             state: State { poses: vec![Pose::identity(), at], faces, relations: Vec::new() },
         }

@@ -307,7 +307,7 @@ fn linearise<const D: usize>(problem: &Problem, one: &Hypothesis) -> Option<Arro
             motion.deviations,
             &centre,
         );
-        let weight = problem.slip.cost(step.residual.norm_squared()).1;
+        let weight = problem.slip(k, step.residual.norm_squared()).1;
         arrow.add_step(k, &step, weight);
     }
     Some(arrow)
