@@ -66,6 +66,27 @@ pub(crate) fn all_wild<S: Space>(grasp: &GraspView<'_, S>, numbers: Range<usize>
     sum
 }
 
+/// Log density of the usable contacts of a grasp that have these numbers among them, if each number felt (a
+/// distance, an angle) has so many nats less than where it is exactly what was expected.
+#[inline(never)]
+pub(crate) fn all_short_by<S: Space>(
+    grasp: &GraspView<'_, S>,
+    numbers: Range<usize>,
+    nats: f32,
+) -> f32 {
+    /// ln √(2π).
+    const ROOT: f32 = 0.918_938_5;
+    let felt = |deviation: f32| -ROOT - nats - math::ln(deviation);
+    let mut sum = 0.0;
+    for (number, contact) in grasp.usable().enumerate() {
+        if numbers.contains(&number) {
+            let angles = if contact.normal.is_some() { (S::DIMENSION - 1) as f32 } else { 0.0 };
+            sum += felt(contact.point_deviation) + angles * felt(contact.normal_deviation);
+        }
+    }
+    sum
+}
+
 /// ln(eᵃ + eᵇ).
 pub(crate) fn log_sum(a: f32, b: f32) -> f32 {
     let (most, least) = if a > b { (a, b) } else { (b, a) };

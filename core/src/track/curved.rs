@@ -46,7 +46,7 @@ use crate::math;
 use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
 use crate::surface::Revisable;
-use crate::track::automatic::{Evidence, all_wild};
+use crate::track::automatic::{Evidence, all_short_by, all_wild};
 use crate::track::{Estimate, Modes, MotionNoise, Separation, Status, Tracker};
 use doubt::Belief;
 use memory::{Drift, Memory, Move};
@@ -318,9 +318,10 @@ impl<
         (best.pose, covariance, modes, if squares > 0.0 { 1.0 / squares } else { 1.0 })
     }
 
-    /// Whether the grasp was explained better than by wild contacts.
-    fn is_found(&self, density: f32, nowhere: f32) -> bool {
-        self.born > 0 && density > nowhere
+    /// Whether the grasp was explained better than by wild contacts, and not beyond what a density can be: far
+    /// from the surface single precision is at its end.
+    fn is_found(&self, density: f32, nowhere: f32, exact: f32) -> bool {
+        self.born > 0 && density > nowhere && density <= exact
     }
 
     /// One grasp with contacts: what became of it, and how many contacts found no room.
@@ -329,10 +330,10 @@ impl<
         dropped = dropped.saturating_add(self.memory.push(self.grasps, self.pending, grasp));
         // What found no room says nothing of the rest.
         let kept = self.memory.grasps().last().map_or(0, |last| last.touches().len());
-        let nowhere = all_wild(grasp, 0..kept);
+        let (nowhere, exact) = (all_wild(grasp, 0..kept), all_short_by(grasp, 0..kept, 0.0));
         self.evidence += all_wild(grasp, kept..contacts);
         let mut density = math::ln(1.0 - SLIP) + self.branch(grasp);
-        if !self.is_found(density, nowhere) {
+        if !self.is_found(density, nowhere, exact) {
             self.memory.pop();
             self.rank();
             self.slip();
@@ -340,7 +341,7 @@ impl<
             self.lay_part(0, self.memory.grasps().len().saturating_sub(1));
             density = math::ln(SLIP) + self.branch(grasp);
         }
-        if !self.is_found(density, nowhere) {
+        if !self.is_found(density, nowhere, exact) {
             self.evidence += nowhere;
             self.memory.pop();
             self.rank();

@@ -1,7 +1,7 @@
 //! How long one model is enough, and what the other has to learn when it is not.
 
-use crate::contact::{Contact, Grasp, GraspView};
-use crate::math;
+use super::all_short_by;
+use crate::contact::{Grasp, GraspView};
 use crate::space::Space;
 use crate::track::{Estimate, Status, Tracker};
 
@@ -14,6 +14,9 @@ use crate::track::{Estimate, Status, Tracker};
 /// with an L for a base.
 const ALLOWED: f32 = 1.25;
 const ENOUGH: f32 = 10.0;
+
+/// What a normal deviate of one costs on average.
+const USUAL: f32 = 0.5;
 
 /// How badly a model has foretold the latest grasps: a cumulative sum (Page 1954), which forgets what was
 /// bad before what was good.
@@ -37,8 +40,7 @@ impl Patience {
     ) -> bool {
         // The first grasp is foretold by nobody.
         if estimate.status != Status::Started {
-            let fair: f32 = grasp.usable().map(|contact| fair(&contact)).sum();
-            self.behind += fair - gained;
+            self.behind += all_short_by(grasp, 0..usize::MAX, USUAL + ALLOWED) - gained;
             if self.behind < 0.0 {
                 self.behind = 0.0;
             }
@@ -46,15 +48,6 @@ impl Patience {
         // NaN is no foretelling either.
         !(self.behind <= ENOUGH)
     }
-}
-
-/// Log density that a contact should at least have where the model is right.
-fn fair<S: Space>(contact: &Contact<S>) -> f32 {
-    /// −ln √(2π) − ½, the log density of a normal deviate of one on average.
-    const USUAL: f32 = -1.418_938_5;
-    let number = |deviation: f32| USUAL - ALLOWED - math::ln(deviation);
-    let angles = if contact.normal.is_some() { (S::DIMENSION - 1) as f32 } else { 0.0 };
-    number(contact.point_deviation) + angles * number(contact.normal_deviation)
 }
 
 /// Grasps that a tracker has not learnt yet, with the motions before them.
