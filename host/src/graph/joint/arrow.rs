@@ -13,6 +13,7 @@
 use nalgebra::{Cholesky, Const, DMatrix, DVector, Dyn, OMatrix, SMatrix, SVector};
 
 use super::factors::Step;
+use super::schur::Schur;
 use super::tangent::axes;
 
 /// A pose's rows of the border: `D` × number of face parameters.
@@ -142,10 +143,7 @@ impl<const D: usize> Arrow<D> {
             half: Vec::with_capacity(count),
             schur: Cholesky::new(DMatrix::zeros(0, 0))?,
         };
-        let mut schur = self.corner.clone();
-        for i in 0..schur.nrows() {
-            schur[(i, i)] *= enlarge;
-        }
+        let mut schur = Schur::new(&self.corner, enlarge);
         for k in 0..count {
             let mut block = self.diagonal[k];
             for i in 0..D {
@@ -165,12 +163,12 @@ impl<const D: usize> Arrow<D> {
             if !lower.solve_lower_triangular_mut(&mut half) {
                 return None;
             }
-            schur.gemm_tr(-1.0, &half, &half, 1.0);
+            schur.take(&half);
             factor.lower.push(lower);
             factor.below.push(below);
             factor.half.push(half);
         }
-        factor.schur = Cholesky::new(schur)?;
+        factor.schur = Cholesky::new(schur.matrix())?;
         Some(factor)
     }
 }

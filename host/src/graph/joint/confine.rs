@@ -15,7 +15,7 @@ use super::arrow::Arrow;
 use super::factors;
 use super::planes::{Plane, known};
 use super::problem::{Felt, Labels, Problem, State};
-use super::solve::{descend, linearise};
+use super::solve::{ENOUGH, descend, linearise};
 use super::tangent::Face;
 use crate::model::faces::Owner;
 use crate::reference::Contact;
@@ -78,7 +78,7 @@ pub(super) fn confined<const D: usize>(
         }
         sides.extend(new);
         let centre = problem.middle(&state.poses);
-        descend::<D>(problem.dimension, &mut state, &mut 0, |state| {
+        descend::<D>(problem.dimension, (&mut state, &mut 0), ENOUGH, |state| {
             let (mut cost, mut arrow) = linearise::<D>(problem, state, labels, &centre);
             cost += sides.iter().map(|side| side.add(&mut arrow, problem, state)).sum::<f64>();
             arrow.hold_faces();

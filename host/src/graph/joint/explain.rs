@@ -9,7 +9,7 @@ use super::problem::{Labels, Problem, State};
 use super::regular::MOST_FACES;
 use super::relation::Relation;
 use super::ridge;
-use super::solve::{Solved, offset_row, solve};
+use super::solve::{Solved, offset_row, rough, solve};
 use super::tangent::{Face, six_by_six};
 use crate::model::faces::{Faces, Owner};
 use crate::reference::Contact;
@@ -25,6 +25,9 @@ const ALIKE: f64 = 0.7;
 /// Most grasps with which faces are moved that are too many for a flat object: every move solves all grasps
 /// with all of them, and what comes of it is not believed.
 const LONG: usize = 48;
+
+/// Nats that a rough solution may cost more than the best graph and yet become cheaper.
+const NEARLY: f64 = 8.0;
 
 /// Merges tried at most each time; those less plausible by this many nats than what the linearised
 /// problem allows are not tried.
@@ -225,6 +228,35 @@ pub fn improve<const D: usize>(problem: &Problem, best: &mut Solved<D>) -> bool 
     best.cost < before - 1e-6
 }
 
+/// Whether a proposal may cost less, from [`settle`] with rough solutions: most moves lose by far, which a
+/// few iterations show, and the many that end a solution gain next to nothing. What may win is solved from
+/// its start again, so that what comes of it is the same.
+fn may_cost_less<const D: usize>(
+    problem: &Problem,
+    best: &Solved<D>,
+    state: &State,
+    labels: &Labels,
+) -> bool {
+    let (state, labels) = supported(problem, state.clone(), labels.clone());
+    let Some(mut found) = rough::<D>(problem, state, labels) else { return true };
+    for _ in 0..ROUNDS {
+        if found.cost < best.cost + NEARLY {
+            return true;
+        }
+        let (state, labels) =
+            supported(problem, found.state.clone(), assigned(problem, &found.state));
+        if labels == found.labels && state.faces.len() == found.state.faces.len() {
+            return false;
+        }
+        match rough::<D>(problem, state, labels) {
+            Some(next) if next.cost > found.cost + NEARLY => return false,
+            Some(next) => found = next,
+            None => return true,
+        }
+    }
+    found.cost < best.cost + NEARLY
+}
+
 /// Keeps what is proposed if it costs less.
 pub fn attempt<const D: usize>(
     problem: &Problem,
@@ -232,6 +264,9 @@ pub fn attempt<const D: usize>(
     state: State,
     labels: Labels,
 ) -> bool {
+    if !may_cost_less(problem, best, &state, &labels) {
+        return false;
+    }
     match settle::<D>(problem, state, labels) {
         Some(next) if next.cost < best.cost - 1e-6 => {
             *best = next;
@@ -332,4 +367,49 @@ fn go<const D: usize>(problem: &Problem, best: &mut Solved<D>) -> bool {
         }
     }
     changed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::{Options, simulate};
+    use crate::slam::track;
+    use crate::space::Pose;
+
+    /// A rectangle at its true poses, solved.
+    fn rectangle() -> (Problem, Solved<3>) {
+        let log = simulate(&Options::new("rectangle:0.1x0.06".parse().unwrap())).unwrap().log;
+        let problem = Problem::new(&log);
+        let poses: Vec<Pose> = track::truth(&log).unwrap().iter().map(|step| step.pose).collect();
+        let contacts: Vec<Option<Contact>> =
+            (0..problem.felt.len()).map(|i| Some(problem.placed(&poses, i))).collect();
+        let (faces, labels) = fitted(2, &contacts);
+        let state = State { poses, faces, relations: Vec::new() };
+        let mut best = settle::<3>(&problem, state, labels).unwrap();
+        improve(&problem, &mut best);
+        (problem, best)
+    }
+
+    #[test]
+    fn only_what_loses_by_far_is_given_up_early() {
+        let (problem, best) = rectangle();
+        assert_eq!(best.state.faces.len(), 4);
+        assert!(may_cost_less(&problem, &best, &best.state, &best.labels));
+        for face in 0..4 {
+            // Without one of its sides.
+            let kept = |label: &Option<Owner>| label.filter(|owner| !owner.faces().contains(&face));
+            let labels: Labels = best.labels.iter().map(kept).collect();
+            let whole = settle::<3>(&problem, best.state.clone(), labels.clone()).unwrap();
+            assert!(whole.cost > best.cost + 2.0 * NEARLY, "{face}: {}", whole.cost - best.cost);
+            assert!(!may_cost_less(&problem, &best, &best.state, &labels));
+        }
+        // A side in two halves.
+        let (mut state, mut labels) = (best.state.clone(), best.labels.clone());
+        state.faces.push(state.faces[0]);
+        let own = labels.iter_mut().filter(|label| **label == Some(Owner::Face(0)));
+        own.step_by(2).for_each(|label| *label = Some(Owner::Face(4)));
+        let parted = solve::<3>(&problem, state.clone(), labels.clone()).unwrap();
+        assert!(parted.cost > best.cost);
+        assert!(may_cost_less(&problem, &parted, &best.state, &best.labels));
+    }
 }

@@ -8,15 +8,15 @@
 //! sought. Below it, [`problem`] holds the measurements and the unknowns, `slip` what motions cost,
 //! [`factors`] the residuals and their derivatives, [`solve`](mod@solve) the Levenberg–Marquardt
 //! iteration on the structure that [`arrow`] exploits and the evidence of what it finds, to which
-//! [`size`] belongs. [`explain`] and [`alias`] decide which contact lies on which face and at which of
-//! several look-alike poses a grasp was made, [`retrack`] builds a trajectory of its own,
-//! [`regular`](mod@regular) gives faces an order by [`relation`]s such as parallel and square, and
-//! [`average`] takes the mean where it is open which hold. `confine` keeps contacts where faces are
-//! surface, and fingers that touched nothing outside; `seat` finds other poses for grasps whose contacts
-//! still hang in the air. [`surface`] does for curved objects what faces do for flat ones, from the
-//! tracker's trajectory or those that [`round`] finds, and then tries single grasps elsewhere; `lone`
-//! finds the best pose of one grasp while all else stays. `supposed` has normals to begin with where none
-//! were felt.
+//! [`size`] belongs; `schur` makes the largest of their products. [`explain`] and [`alias`] decide which
+//! contact lies on which face and at which of several look-alike poses a grasp was made, [`retrack`]
+//! builds a trajectory of its own, [`regular`](mod@regular) gives faces an order by [`relation`]s such as
+//! parallel and square, and [`average`] takes the mean where it is open which hold. `confine` keeps
+//! contacts where faces are surface, and fingers that touched nothing outside; `seat` finds other poses
+//! for grasps whose contacts still hang in the air. [`surface`] does for curved objects what faces do for
+//! flat ones, from the tracker's trajectory or those that [`round`] finds, and then tries single grasps
+//! elsewhere; `lone` finds the best pose of one grasp while all else stays. `supposed` has normals to
+//! begin with where none were felt.
 
 pub mod alias;
 pub mod arrow;
@@ -32,6 +32,7 @@ pub mod relation;
 pub mod retrack;
 pub mod ridge;
 pub mod round;
+mod schur;
 mod seat;
 pub mod size;
 mod slip;

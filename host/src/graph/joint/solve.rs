@@ -22,7 +22,10 @@ const PASSES: usize = 3;
 const STILL: f64 = 1e-4;
 
 /// Nats by which an iteration must lower the cost for another to be worth while.
-const ENOUGH: f64 = 1e-5;
+pub(super) const ENOUGH: f64 = 1e-5;
+
+/// The same where it need only be known about where the cost ends.
+const ROUGHLY: f64 = 0.1;
 
 /// Damping at first, and beyond which nothing lowers the cost any more.
 const DAMPING: (f64, f64) = (1e-4, 1e9);
@@ -57,16 +60,32 @@ pub struct Solved<const D: usize> {
 }
 
 /// Poses and faces of least cost, near `state`. `None` where a number is not finite.
-pub fn solve<const D: usize>(
+pub fn solve<const D: usize>(problem: &Problem, state: State, labels: Labels) -> Option<Solved<D>> {
+    solve_until(problem, state, labels, (ENOUGH, PASSES))
+}
+
+/// The same only roughly: where an iteration gains less than [`ROUGHLY`], with slips about where the centre
+/// was at first.
+pub(super) fn rough<const D: usize>(
+    problem: &Problem,
+    state: State,
+    labels: Labels,
+) -> Option<Solved<D>> {
+    solve_until(problem, state, labels, (ROUGHLY, 1))
+}
+
+fn solve_until<const D: usize>(
     problem: &Problem,
     mut state: State,
     labels: Labels,
+    (enough, passes): (f64, usize),
 ) -> Option<Solved<D>> {
     let (mut arrow, mut cost, mut iterations) = (None, f64::INFINITY, 0);
     let mut centre = problem.middle(&state.poses);
-    for _ in 0..PASSES {
+    for _ in 0..passes {
         // The centre is held while descending, so that the cost has a gradient.
-        let (least, at) = descend::<D>(problem.dimension, &mut state, &mut iterations, |state| {
+        let start = (&mut state, &mut iterations);
+        let (least, at) = descend::<D>(problem.dimension, start, enough, |state| {
             linearise(problem, state, &labels, &centre)
         });
         (cost, arrow) = (least, Some(at));
@@ -81,11 +100,12 @@ pub fn solve<const D: usize>(
     cost.is_finite().then_some(Solved { state, labels, cost, factor, iterations })
 }
 
-/// Takes `state` to where `linearised`, a cost and its quadratic, is least, and says what it is there.
+/// Takes a state to where `linearised`, a cost and its quadratic, is least, and says what it is there: until
+/// an iteration, of which it counts how many there are, changes it by less than `enough`.
 pub(super) fn descend<const D: usize>(
     dimension: usize,
-    state: &mut State,
-    iterations: &mut usize,
+    (state, iterations): (&mut State, &mut usize),
+    enough: f64,
     linearised: impl Fn(&State) -> (f64, Arrow<D>),
 ) -> (f64, Arrow<D>) {
     let (mut cost, mut arrow) = linearised(state);
@@ -108,7 +128,7 @@ pub(super) fn descend<const D: usize>(
         } else {
             damping *= 10.0;
         }
-        if gained.abs() < ENOUGH {
+        if gained.abs() < enough {
             break;
         }
     }
