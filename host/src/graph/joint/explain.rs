@@ -34,21 +34,24 @@ const NEARLY: f64 = 8.0;
 const MOST_MERGES: usize = 4;
 const HOPELESS: f64 = 15.0;
 
-/// Solves, hands every contact to the face that suits it best, and again until nothing changes.
+/// Solves, hands every contact to the face that suits it best, and again until nothing changes. Of faces that
+/// are [too many](is_endless) it is only found about where they lie: they merge on, and are then solved, or
+/// are not believed.
 pub fn settle<const D: usize>(
     problem: &Problem,
     state: State,
     labels: Labels,
 ) -> Option<Solved<D>> {
     let (state, labels) = supported(problem, state, labels);
-    let mut best = solve::<D>(problem, state, labels)?;
+    let solve = if is_endless(&state) { rough::<D> } else { solve::<D> };
+    let mut best = solve(problem, state, labels)?;
     for _ in 0..ROUNDS {
         let (state, labels) =
             supported(problem, best.state.clone(), assigned(problem, &best.state));
         if labels == best.labels && state.faces.len() == best.state.faces.len() {
             break;
         }
-        let next = solve::<D>(problem, state, labels)?;
+        let next = solve(problem, state, labels)?;
         if next.cost > best.cost - 1e-6 {
             break;
         }
@@ -264,7 +267,8 @@ pub fn attempt<const D: usize>(
     state: State,
     labels: Labels,
 ) -> bool {
-    if !may_cost_less(problem, best, &state, &labels) {
+    // Too many faces are solved roughly anyhow.
+    if !is_endless(&state) && !may_cost_less(problem, best, &state, &labels) {
         return false;
     }
     match settle::<D>(problem, state, labels) {
