@@ -35,7 +35,7 @@ const MOST_MERGES: usize = 4;
 const HOPELESS: f64 = 15.0;
 
 /// Solves, hands every contact to the face that suits it best, and again until nothing changes. Of faces that
-/// are [too many](is_endless) it is only found about where they lie: they merge on, and are then solved, or
+/// are too many (`is_endless`) it is only found about where they lie: they merge on, and are then solved, or
 /// are not believed.
 pub fn settle<const D: usize>(
     problem: &Problem,
