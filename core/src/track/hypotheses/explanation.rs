@@ -77,9 +77,9 @@ impl<
     /// Explains the first `count` touches and the free points by every hypothesis and keeps the best
     /// explanations; as the first part of a grasp, or where its first part was.
     ///
-    /// What too few known faces explain, or what is no likelier so than contacts with nothing in particular, is
-    /// sought wherever the object may have slipped to: faces are endless, and new ones explain whatever is felt,
-    /// where it is felt.
+    /// What known faces have next to no part in, or what is no likelier so than contacts with nothing in
+    /// particular, is sought wherever the object may have slipped to: faces are endless, and new ones explain
+    /// whatever is felt, where it is felt.
     #[inline(never)]
     pub(super) fn absorb(
         &mut self,

@@ -7,6 +7,8 @@ use crate::surface::cholesky::packed;
 use std::boxed::Box;
 use std::vec::Vec;
 
+mod carried;
+
 type Plane2 = Hypotheses<Planar, 8, 12, 27, { packed(27) }, 16>;
 type Space3 = Hypotheses<Spatial, 4, 10, 36, { packed(36) }, 4>;
 
@@ -379,39 +381,6 @@ fn follows_a_box_in_space() {
 }
 
 #[test]
-fn a_box_carried_away_in_space_is_found_at_once() {
-    let rest = Some(&SpatialPose::IDENTITY);
-    let mut right = 0;
-    for seed in 0..8 {
-        let mut random = Random::new(seed);
-        let mut tracker = Box::new(Space3::new());
-        let noise = MotionNoise { translation: 0.01, rotation: 0.2 };
-        tracker.configure(Settings { motion: noise, beam: 8, ..Settings::DEFAULT });
-        let truth = SpatialPose::new(Vector([0.1, 0.2, 0.3]), [0.1, 0.2, 0.3, 0.9]);
-        for k in 0..8 {
-            tracker.update(rest, view(&touch_box(&truth, k, &mut random)));
-        }
-        let gauge = truth.inverse().compose(&tracker.recall(7).unwrap()).inverse();
-        let away: Vector<3> = random.normal::<Vector<3>>().normalized().unwrap() * 0.15;
-        let turn: Vector<3> = random.normal::<Vector<3>>().normalized().unwrap() * 2.0;
-        let elsewhere =
-            truth.retract(Vector::from_fn(|i| if i < 3 { away[i] } else { turn[i - 3] }));
-        let mut felt = || touch_box(&elsewhere, seed as usize, &mut random);
-        let first = tracker.update(rest, view(&felt()));
-        assert_ne!(first.status, Status::Tracking, "{seed}");
-        let pose = tracker.update(rest, view(&felt())).pose.compose(&gauge);
-        // Up to the box's symmetries: all contacts are on its sides.
-        let felt = felt();
-        let off = felt.iter().map(|c| pose.untransform(c.point)).map(|p| {
-            let beyond = [p[0].abs() - 0.06, p[1].abs() - 0.04, p[2].abs() - 0.03];
-            beyond.into_iter().fold(f32::MIN, f32::max).abs()
-        });
-        right += usize::from(off.fold(0.0, f32::max) < 0.015);
-    }
-    assert!(right >= 6, "{right} of 8");
-}
-
-#[test]
 fn boards_have_room() {
     let sizes = [
         size_of::<crate::device::PlanarHypotheses>(),
@@ -540,56 +509,6 @@ fn a_normal_into_a_face_is_not_one_out_of_it() {
         |normal| plane::measure(&touch, &pose, &transport, &plane(normal)).as_slice()[0].residual;
     assert!(residual(Vector([1.0, 0.0])).abs() < 1e-6);
     assert!((residual(Vector([-1.0, 0.0])).abs() - core::f32::consts::PI).abs() < 1e-6);
-}
-
-/// New faces would explain anything: a map that is whole has to tell what is not the object there.
-#[test]
-fn an_object_carried_away_is_missed_at_once_and_found_again() {
-    for far in [0.15, 0.6, 2.0] {
-        let mut right = 0;
-        for seed in 0..12 {
-            let (polygon, mut tracker, _) = known_quadrilateral();
-            let mut random = Random::new(seed);
-            let way = seed as f32;
-            let away = Vector([far * way.cos(), far * way.sin()]);
-            let elsewhere = PlanarPose::new(away, 0.7 * way);
-            let gauge = tracker.recall(0).unwrap();
-            let rest = Some(&PlanarPose::IDENTITY);
-            let touched = |k| view(&polygon.grasp(&elsewhere, k, &mut random)).contacts.to_vec();
-            let grasps: Vec<_> = (0..5).map(touched).collect();
-            let first = tracker.update(rest, view(&grasps[0]));
-            // What only a slip explains has to be felt again.
-            assert_ne!(first.status, Status::Tracking, "{far} {seed}");
-            let last = grasps[1..].iter().map(|g| tracker.update(rest, view(g))).last().unwrap();
-            let [translation, rotation] = error(&last.pose, &elsewhere, &gauge, 1.0);
-            right += usize::from(translation < 6e-3 && rotation < 0.1);
-        }
-        assert!(right >= 9, "{far}: {right} of 12");
-    }
-}
-
-/// A new face or two that fit, or old ones prolonged, and there is more than nothing to be said for it.
-#[test]
-fn a_triangle_carried_away_gets_no_new_sides() {
-    let polygon = Polygon::regular(3, 0.03);
-    for seed in 0..24 {
-        let mut random = Random::new(seed);
-        let mut tracker = Box::new(Plane2::new());
-        tracker.set_motion_noise(MotionNoise { translation: 2.5e-3, rotation: 0.087 });
-        let rest = Some(&PlanarPose::IDENTITY);
-        for k in 0..8 {
-            tracker.update(rest, view(&polygon.grasp(&PlanarPose::IDENTITY, k, &mut random)));
-        }
-        let (sin, cos) = math::sin_cos(seed as f32);
-        let elsewhere = PlanarPose::new(Vector([0.3 * cos, 0.3 * sin]), 1.0);
-        let first = tracker.update(rest, view(&polygon.grasp(&elsewhere, 8, &mut random)));
-        assert_ne!(first.status, Status::Tracking, "{seed}");
-        for k in 9..14 {
-            tracker.update(rest, view(&polygon.grasp(&elsewhere, k, &mut random)));
-        }
-        let sides = tracker.faces().filter(|face| face.contacts > 2).count();
-        assert_eq!(sides, 3, "{seed}");
-    }
 }
 
 #[test]
