@@ -132,7 +132,7 @@ pub enum Learning {
 /// evidence is higher, where the other must be ahead by [`Self::MARGIN`] nats before it is heard. Nothing
 /// restarts: each has its own poses from the beginning, about the same object frame, since both fix it
 /// at the centroid of the first contacts. One that is [`Self::BEHIND`] learns no more, and nor does a
-/// second that was not needed for `GRASPS` grasps.
+/// second that was not needed for `GRASPS` grasps, at least half of which felt the object.
 ///
 /// [`recall`](Tracker::recall) answers with the trajectory of the model that is meant now.
 #[derive(Clone, Debug)]
@@ -218,7 +218,10 @@ where
         let before = self.first.evidence();
         let first = self.first.update(motion, grasp);
         let room = self.held.push(motion, &grasp);
-        if self.patience.is_over(&first, &grasp, self.first.evidence() - before) || !room {
+        let over = self.patience.is_over(&first, &grasp, self.first.evidence() - before);
+        let full = self.held.is_full();
+        // A first that was hardly put to the test does not make the second needless.
+        if over || !room || full && 2 * self.patience.tests() < GRASPS {
             let mut second = self.held.learnt(&mut self.second);
             if !room {
                 second = Some(self.second.update(motion, grasp));
@@ -226,7 +229,7 @@ where
             self.learning = Learning::Both;
             return self.heard(first, second.unwrap_or(first));
         }
-        if self.held.is_full() {
+        if full {
             self.held.clear();
             self.learning = Learning::First;
         }

@@ -24,11 +24,18 @@ const USUAL: f32 = 0.5;
 pub(super) struct Patience {
     /// Nats, at least 0.
     behind: f32,
+    /// Grasps that felt the object.
+    tests: usize,
 }
 
 impl Patience {
     pub const fn new() -> Self {
-        Patience { behind: 0.0 }
+        Patience { behind: 0.0, tests: 0 }
+    }
+
+    /// How many of the grasps taken in felt the object.
+    pub fn tests(&self) -> usize {
+        self.tests
     }
 
     /// Takes one grasp in, of which the model gained this much evidence; whether it is not enough.
@@ -38,6 +45,7 @@ impl Patience {
         grasp: &GraspView<'_, S>,
         gained: f32,
     ) -> bool {
+        self.tests += usize::from(estimate.contacts > 0);
         // The first grasp is foretold by nobody.
         if estimate.status != Status::Started {
             self.behind += all_short_by(grasp, 0..usize::MAX, USUAL + ALLOWED) - gained;

@@ -98,6 +98,20 @@ fn nobody_learns_twice_what_one_foretells() {
 }
 
 #[test]
+fn empty_grasps_do_not_make_the_second_needless() {
+    let mut tracker = both(KNOWN - 3.3, KNOWN - 1.0);
+    // The hand closes on nothing until memory is full but for two grasps.
+    felt(&mut tracker, &[0, 0, 0, 0, 0, 0, 5, 5]);
+    assert_eq!(tracker.learning(), Learning::Both);
+    assert_eq!(tracker.second().learnt, tracker.first().learnt);
+    assert_eq!(felt(&mut tracker, &[5]), [KNOWN - 1.0]);
+    // Half of them are enough.
+    let mut tracker = both(KNOWN, KNOWN);
+    felt(&mut tracker, &[0, 0, 0, 0, 5, 5, 5, 5]);
+    assert_eq!((tracker.learning(), tracker.second().learnt.len()), (Learning::First, 0));
+}
+
+#[test]
 fn who_waited_learns_all_grasps_in_order() {
     let mut tracker = both(KNOWN - 3.3, KNOWN - 1.0);
     // 4 nats too little at every grasp after the first: more than ten at the third of them.
