@@ -26,7 +26,8 @@ impl MotionNoise {
 
     /// The noise to search with after this many grasps in a row that fitted nowhere: the object may
     /// have slipped by more than the hand knows. At first twice the noise and no less than 30 mm and
-    /// 40°, growing with every grasp to 200 mm and 115°; without a loss, the noise itself.
+    /// 40°, growing with every grasp to 200 mm (or four times the noise) and 115°; without a loss, the noise
+    /// itself.
     pub fn after_losing(&self, grasps: u16) -> Self {
         if grasps == 0 {
             return *self;
@@ -36,7 +37,7 @@ impl MotionNoise {
             math::min(wide, math::max(most, own))
         };
         MotionNoise {
-            translation: wider(self.translation, 0.03, 0.2),
+            translation: wider(self.translation, 0.03, math::max(0.2, 4.0 * self.translation)),
             rotation: wider(self.rotation, 0.7, 2.0),
         }
     }
@@ -64,6 +65,7 @@ mod tests {
         let most = MotionNoise { translation: 0.2, rotation: 2.0 };
         assert_eq!(noise.after_losing(u16::MAX), most);
         let huge = MotionNoise { translation: 1.0, rotation: 9.0 };
-        assert_eq!(huge.after_losing(5), huge);
+        assert_eq!(huge.after_losing(1), MotionNoise { translation: 2.0, ..huge });
+        assert_eq!(huge.after_losing(5), MotionNoise { translation: 4.0, ..huge });
     }
 }
