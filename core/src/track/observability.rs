@@ -19,9 +19,12 @@ pub struct Observability<S: Space> {
     pub directions: S::Covariance,
     /// Centroid of the contacts, metres.
     pub centre: S::Vector,
-    /// Root mean square distance of the contacts to the centroid, metres (at least 1 mm).
+    /// Root mean square distance of the contacts to the centroid, metres (at least 10 µm).
     pub radius: f32,
 }
+
+/// Least radius, metres: contacts closer together are told apart by rounding.
+const LEAST_RADIUS: f32 = 1e-5;
 
 impl<S: Space> Observability<S> {
     /// Eigenvalues below this count as unobservable: what one contact in five gives when its normal
@@ -33,7 +36,7 @@ impl<S: Space> Observability<S> {
         eigenvalues: S::Tangent::ZERO,
         directions: S::Covariance::IDENTITY,
         centre: S::Vector::ZERO,
-        radius: 1e-3,
+        radius: LEAST_RADIUS,
     };
 
     /// The observability of contacts given as (point, unit normal), in any one frame.
@@ -52,7 +55,7 @@ impl<S: Space> Observability<S> {
         for (point, _) in contacts.clone() {
             spread += (point - centre).norm_squared();
         }
-        let radius = math::sqrt(spread / count).max(1e-3);
+        let radius = math::sqrt(spread / count).max(LEAST_RADIUS);
         let mut information = S::Covariance::ZERO;
         for (point, normal) in contacts {
             let mut h = S::lever(point - centre, normal);
@@ -127,6 +130,7 @@ mod tests {
             Observability::<Planar>::of(c.iter().copied()).eigenvalues
         };
         assert!((at(0.03) - at(3.0)).norm() < 1e-5);
+        assert!((at(0.03) - at(1e-4)).norm() < 1e-5);
     }
 
     #[test]
