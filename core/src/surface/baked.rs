@@ -10,6 +10,9 @@ use crate::surface::{Grid, Insertion, Map, Probe, Surface};
 /// next grasp, three times the thesis' motion noise.
 const MARGIN: f32 = 0.03;
 
+/// The same at most, in halves of the contacts' extent: beside a small object a cell would be as large as it.
+const WIDEST: f32 = 4.0;
+
 /// The map `M`, asked through a [`Grid`] of `NODES` nodes about its contacts; exactly as before
 /// outside the grid, and until the first [`refit`](Map::refit). [`Grid::bound`] and
 /// [`Grid::error`] say what interpolation costs. A map does not say which contacts it let go: the grid is
@@ -115,7 +118,7 @@ impl<S: Space, M: Map<S>, const NODES: usize> Map<S> for Baked<S, M, NODES> {
         for axis in 0..S::DIMENSION {
             half = half.max(0.5 * (self.high[axis] - self.low[axis]));
         }
-        self.reach = half + MARGIN;
+        self.reach = half + if half > 0.0 { MARGIN.min(WIDEST * half) } else { MARGIN };
         self.grid.bake(&self.map, self.centre(), self.reach);
     }
 
@@ -141,16 +144,17 @@ mod tests {
 
     type Exact = Gpis<Planar, Matern32, Ball<Planar>, 14, 42, { packed(42) }>;
 
-    fn touched() -> Box<Baked<Planar, Exact, 2500>> {
+    /// An ellipse of 100 mm by 60 mm, or of so many times that.
+    fn touched(size: f32) -> Box<Baked<Planar, Exact, 2500>> {
         let mut map = Box::new(Baked::<Planar, Exact, 2500>::new(Exact::new()));
-        let kernel = Matern32 { amplitude: 0.03, lengthscale: 0.1 };
+        let kernel = Matern32 { amplitude: 0.03 * size, lengthscale: 0.1 * size };
         map.map_mut().configure(kernel, Ball::UNSET, Training::Normals);
         for k in 0..14 {
             let (sin, cos) = (0.45 * k as f32 + 0.3).sin_cos();
             map.insert(&Contact {
-                point: Vector([0.05 * cos + 0.2, 0.03 * sin]),
+                point: Vector([0.05 * cos + 0.2, 0.03 * sin]) * size,
                 normal: Vector([cos / 0.05, sin / 0.03]).normalized(),
-                point_deviation: 1e-3,
+                point_deviation: 1e-3 * size,
                 normal_deviation: 0.0873,
                 finger: 0,
             });
@@ -161,7 +165,7 @@ mod tests {
 
     #[test]
     fn probes_are_within_the_grids_bound_and_exact_outside() {
-        let map = touched();
+        let map = touched(1.0);
         let (value, gradient) = map.grid().bound(map.map());
         let far = Vector([0.2, 0.2]);
         assert_eq!(map.probe(far), map.map().probe(far));
@@ -177,8 +181,19 @@ mod tests {
     }
 
     #[test]
+    fn a_small_object_is_many_cells_wide() {
+        let map = touched(0.01);
+        for i in 0..400 {
+            let p =
+                Vector([0.13 + 0.007 * (i % 20) as f32, -0.07 + 0.007 * (i / 20) as f32]) * 0.01;
+            let (got, want) = (map.probe(p), map.map().probe(p));
+            assert!((got.value - want.value).abs() < 2e-5, "{p:?}: {got:?} for {want:?}");
+        }
+    }
+
+    #[test]
     fn it_is_exact_until_refitted_and_after_clearing() {
-        let mut map = touched();
+        let mut map = touched(1.0);
         let at = Vector([0.23, 0.02]);
         let contact = Contact {
             point: Vector([0.26, 0.0]),
