@@ -58,7 +58,10 @@ impl From<Clock> for [u8; 4] {
 
 /// To the nearest whole number, halves away from zero; NaN gives zero, huge numbers the nearest.
 pub(super) fn nearest(x: f32) -> i32 {
-    (if x < 0.0 { x - 0.5 } else { x + 0.5 }) as i32
+    // A half added to the number itself would be rounded away, or up.
+    let whole = x as i32;
+    let rest = x - whole as f32;
+    whole.saturating_add(i32::from(rest >= 0.5) - i32::from(rest <= -0.5))
 }
 
 /// What can stand in a frame.
@@ -209,6 +212,24 @@ mod tests {
             for i in 0..3 {
                 prop_assert!((back[i] - x[i]).abs() < 0.8e-6);
             }
+        }
+    }
+
+    #[test]
+    fn the_nearest_whole_number_is_meant() {
+        let all = [
+            (8_388_609.0, 8_388_609),
+            (-16_777_215.0, -16_777_215),
+            (0.499_999_97, 0),
+            (0.5, 1),
+            (-2.5, -3),
+            (-2.4, -2),
+            (3e9, i32::MAX),
+            (f32::NEG_INFINITY, i32::MIN),
+            (f32::NAN, 0),
+        ];
+        for (x, whole) in all {
+            assert_eq!(nearest(x), whole, "{x}");
         }
     }
 
