@@ -16,9 +16,9 @@
 //!   both normals, and the points' noise in the distance, keep noise from looking like an edge;
 //! - φᵢⱼ(p) = ((1 + cos α)/2)⁴, with α the angle, in the tangent plane of i, between the directions to
 //!   p and to cⱼ: the neighbours on that side of i count;
-//! - β*ᵢ = 0.95 Σⱼ kⱼ (φᵢⱼ + 0.01) bᵢⱼ / Σⱼ kⱼ (φᵢⱼ + 0.01) over the other contacts: near ±1 where the
-//!   neighbours towards p say edge, and about 0 where they say flat, so that contacts of one face
-//!   average their noise.
+//! - β*ᵢ = 0.95 Σⱼ ωⱼ kⱼ (φᵢⱼ + 0.01) bᵢⱼ / (Σⱼ ωⱼ kⱼ (φᵢⱼ + 0.01) + 10⁻⁶ Σ ω k), j over the other
+//!   contacts and the last sum over all: near ±1 where the neighbours towards p say edge, and about 0 where
+//!   they say flat, so that contacts of one face average their noise, or where i alone speaks.
 //!
 //! F vanishes on the surface but has slope 1 ± β* beside it. The value reported is
 //! f = F / Σ ωᵢ kᵢ (1 + sign(F) β*ᵢ): the same zeros, and slope one at every contact on both sides.
