@@ -124,9 +124,9 @@ impl Touch {
     /// coordinate is dropped, so that the fingertip frame's z must stand on the plane (see
     /// [`Touch::moved`]).
     ///
-    /// The point's deviation is that along the normal. `None` in the plane when the normal leaves
-    /// it by more than 45°, as such a touch says little about an outline; and when a number is not
-    /// finite.
+    /// The point's deviation is that along the normal; in the plane the normal's is greater by 1/cos of the
+    /// angle at which it leaves the plane. `None` in the plane when that is more than 45°, as such a touch
+    /// says little about an outline; and when a number is not finite.
     ///
     /// ```
     /// use tactile_core::matrix::{Matrix, Square, Vector};
@@ -154,7 +154,8 @@ impl Touch {
         if !(length * length >= 0.5) {
             return None;
         }
-        let normal = normal * (1.0 / length);
+        let stretch = 1.0 / length;
+        let normal = normal * stretch;
         let mut variance = 0.0;
         for i in 0..S::DIMENSION.min(3) {
             for j in 0..S::DIMENSION.min(3) {
@@ -166,7 +167,7 @@ impl Touch {
             point: fingertip.transform(part(self.point)),
             normal: Some(fingertip.rotate(normal)),
             point_deviation: math::max(math::sqrt(math::max(variance, 0.0)), point),
-            normal_deviation: math::max(self.normal_deviation, direction),
+            normal_deviation: math::max(self.normal_deviation * stretch, direction),
             finger,
         }
         .checked()

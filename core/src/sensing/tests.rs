@@ -96,6 +96,12 @@ fn a_touch_lies_in_the_plane_only_if_its_normal_does() {
     let contact = touch.contact::<Planar>(&quarter, 0).unwrap();
     assert!((contact.point - Vector([0.5, 8e-3])).norm() < 1e-5);
     assert!((contact.normal.unwrap() - Vector([0.0, -1.0])).norm() < 1e-3);
+    assert!((contact.normal_deviation - touch.normal_deviation).abs() < 1e-6);
+    // Out of the plane by 30°, it turns more easily in it.
+    let (sin, cos) = 0.5f32.asin().sin_cos();
+    let tilted = Touch { normal: Vector([-cos, 0.0, sin]), ..touch };
+    let looser = tilted.contact::<Planar>(&quarter, 0).unwrap().normal_deviation;
+    assert!((looser * cos - touch.normal_deviation).abs() < 1e-6, "{looser}");
     // Turned so that x stands on the plane, nothing is left in it.
     let h = core::f32::consts::FRAC_1_SQRT_2;
     let upright = touch.moved(&SpatialPose::new(Vector::ZERO, [0.0, h, 0.0, h]));
