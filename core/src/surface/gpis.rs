@@ -227,59 +227,30 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     /// Posterior variance of f at `point`, square metres, exactly (thesis 2.14): about n²/2
     /// multiplications and `ROWS` numbers of stack.
     pub fn variance(&self, point: S::Vector) -> f32 {
-        let explained = self.explained(point, Self::with_value);
-        (self.kernel.variance() - explained).max(0.0)
+        (self.kernel.variance() - self.explained(point, 0)).max(0.0)
     }
 
     /// Posterior variance of one component of ∇f at `point`, averaged over the components, exactly.
     pub fn slope_variance(&self, point: S::Vector) -> f32 {
         let mut explained = 0.0;
-        for i in 0..S::DIMENSION {
-            explained += self.explained(point, |site, d, radial, row| {
-                row[0] = radial.a * d[i];
-                if site.slope {
-                    for j in 0..S::DIMENSION {
-                        let diagonal = if i == j { radial.a } else { 0.0 };
-                        row[1 + j] = -(radial.b * d[i] * d[j] + diagonal);
-                    }
-                }
-            });
+        for axis in 0..S::DIMENSION {
+            explained += self.explained(point, 1 + axis);
         }
         (self.kernel.slope_variance() - explained * (1.0 / S::DIMENSION as f32)).max(0.0)
     }
 
-    /// k*ᵀ (K + Σ)⁻¹ k* for the covariances that `fill` writes into each site's rows.
-    fn explained(
-        &self,
-        point: S::Vector,
-        fill: impl Fn(&Site<S>, S::Vector, Radial, &mut [f32]),
-    ) -> f32 {
+    /// k*ᵀ (K + Σ)⁻¹ k* for the covariances of f (part 0) or of its slope along an axis (1 + axis).
+    fn explained(&self, point: S::Vector, part: usize) -> f32 {
         let mut row = [0.0; ROWS];
-        self.whiten(point, &mut row, fill);
+        self.whiten(point, part, &mut row);
         row[..self.factor.rows()].iter().map(|v| v * v).sum()
     }
 
-    /// Covariances of f with a site's rows.
-    fn with_value(site: &Site<S>, d: S::Vector, radial: Radial, row: &mut [f32]) {
-        row[0] = radial.k;
-        if site.slope {
-            for j in 0..S::DIMENSION {
-                row[1 + j] = -radial.a * d[j];
-            }
-        }
-    }
-
     /// L⁻¹ k* of the same, in a row that is zero.
-    fn whiten(
-        &self,
-        point: S::Vector,
-        row: &mut [f32; ROWS],
-        fill: impl Fn(&Site<S>, S::Vector, Radial, &mut [f32]),
-    ) {
+    fn whiten(&self, point: S::Vector, part: usize, row: &mut [f32; ROWS]) {
         for site in self.sites() {
-            let d = point - site.point;
             let at = usize::from(site.row);
-            fill(site, d, self.kernel.radial(d.norm_squared()), &mut row[at..at + site.rows()]);
+            self.cross(point, part, site, &mut row[at..at + site.rows()]);
         }
         self.factor.forward(&mut row[..self.factor.rows()]);
     }

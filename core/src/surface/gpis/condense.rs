@@ -66,7 +66,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
 
     /// Writes the covariances of f (part 0) or of its slope along an axis (1 + axis) at `point` with
     /// the rows of `other`.
-    fn cross(&self, point: S::Vector, part: usize, other: &Site<S>, to: &mut [f32]) {
+    pub(super) fn cross(&self, point: S::Vector, part: usize, other: &Site<S>, to: &mut [f32]) {
         let d = point - other.point;
         let Radial { k, a, b } = self.kernel.radial(d.norm_squared());
         let Some((value, slopes)) = to.split_first_mut() else { return };

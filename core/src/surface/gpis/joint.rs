@@ -18,7 +18,7 @@ impl<S: Space, K: Kernel, P: Prior<S>, const SITES: usize, const ROWS: usize, co
     fn joint<const N: usize>(&self, points: &[S::Vector]) -> [[f32; N]; N] {
         let mut white = [[0.0; ROWS]; N];
         for (row, point) in white.iter_mut().zip(points) {
-            self.whiten(*point, row, Self::with_value);
+            self.whiten(*point, 0, row);
         }
         let mut covariance = [[0.0; N]; N];
         for i in 0..points.len().min(N) {
