@@ -25,7 +25,7 @@ pub struct Contact<S: Space> {
 /// Why a contact cannot be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ContactError {
-    /// A coordinate of the point is NaN or infinite.
+    /// A coordinate of the point is NaN, or the point farther away than 1000 km.
     Point,
     /// The normal is not finite, or its length is not within 10⁻³ of one.
     Normal,
