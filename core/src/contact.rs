@@ -50,7 +50,7 @@ const FARTHEST: f32 = 1e6;
 
 /// Least and greatest standard deviation, metres and radians: variances, their reciprocals, and these times
 /// squares of the farthest are numbers that `f32` has.
-const DEVIATIONS: RangeInclusive<f32> = 1e-9..=1e6;
+pub(crate) const DEVIATIONS: RangeInclusive<f32> = 1e-9..=1e6;
 
 impl<S: Space> Contact<S> {
     /// The contact with its normal scaled to exactly one.

@@ -9,6 +9,7 @@ use super::estimate::{BeliefFrame, EstimateFrame, FaceFrame, ModeFrame};
 use super::grasp::{ContactFrame, FreeFrame, MotionFrame};
 use super::quantity::{Clock, WireSpace};
 use super::sensor::{FingerFrame, FingertipFrame, SensorFrame, WordsFrame};
+use crate::contact::DEVIATIONS;
 use crate::explore::Criterion;
 use crate::track;
 
@@ -201,13 +202,13 @@ impl Settings {
     /// Largest deviation, metres or radians: nothing is known then, and squares are far from overflowing.
     pub const LARGEST: f32 = 1e3;
 
-    /// Whether no deviation is above [`LARGEST`](Self::LARGEST), the contact's are above zero and the
-    /// motion's not below.
+    /// Whether no deviation is above [`LARGEST`](Self::LARGEST), the contact's are such as a
+    /// [`Contact`](crate::contact::Contact) may have, and the motion's not below zero.
     pub fn is_valid(&self) -> bool {
         let known = |v: f32| (0.0..=Self::LARGEST).contains(&v);
         [self.point, self.normal, self.translation, self.rotation].into_iter().all(known)
-            && self.point > 0.0
-            && self.normal > 0.0
+            && DEVIATIONS.contains(&self.point)
+            && DEVIATIONS.contains(&self.normal)
     }
 }
 
@@ -268,7 +269,8 @@ pub enum Refusal {
     NotGreeted,
     /// The host speaks another version of the protocol; the `Hello` that comes along names ours.
     Version,
-    /// Deviations must be at most [`Settings::LARGEST`], a contact's above zero and a motion's not below.
+    /// Deviations must be at most [`Settings::LARGEST`], a contact's at least 10⁻⁹ and a motion's not below
+    /// zero.
     Settings,
     /// This grasp already has a motion; the first one stays.
     MotionTwice,
@@ -316,7 +318,7 @@ impl core::fmt::Display for Refusal {
         f.write_str(match self {
             Refusal::NotGreeted => "the board has started and was not greeted",
             Refusal::Version => "the protocol's version is another",
-            Refusal::Settings => "a standard deviation is not positive, or too large",
+            Refusal::Settings => "a standard deviation is too small, or too large",
             Refusal::MotionTwice => "the grasp already has a motion",
             Refusal::Motion => "the motion is not finite, or too large",
             Refusal::Full => "the grasp is full",

@@ -540,6 +540,11 @@ fn what_would_overflow_is_not_taken() {
         settings.translation = broken;
         assert!(!settings.is_valid(), "{broken}");
     }
+    // Nor what no contact may have: all of them would be dropped.
+    for (point, normal) in [(1e-10, 0.1), (1e-3, 1e-10), (0.0, 0.1), (1e-3, 0.0)] {
+        assert!(!Settings { point, normal, ..Settings::DEFAULT }.is_valid());
+    }
+    assert!(Settings { point: 1e-9, normal: 1e-9, ..Settings::DEFAULT }.is_valid());
     assert!(MotionFrame::<Planar> { numbers: [9e3, 0.0, 0.7] }.motion().is_some());
     assert!(MotionFrame::<Planar> { numbers: [3e38, 3e38, 0.7] }.motion().is_none());
     let far = PlanarPose::new(Vector([3e38, 0.0]), 0.0);
