@@ -16,10 +16,10 @@
 //! with the density in 1/m · 1/rad per axis, constants included: N(e; 0, S) has (2π)^(−k/2) det S^(−½).
 //! A contact without a normal gives d alone. The first grasp fixes the frame of both models and counts in
 //! neither; an empty grasp counts nothing; bad contacts count nowhere. A contact that no part of the model
-//! explains has the density of [`wild`]: anywhere along 120 mm, in any direction (1/2π per radian, 1/4π
-//! per steradian), times the probability that the model gives to such a contact (a new face, an
-//! outlier). A lost grasp counts as wild in all its contacts: it was not learnt, but it was not foretold
-//! either.
+//! explains has the density of [`wild`]: anywhere along 120 mm, or along twelve of its own deviations where
+//! that is more, in any direction (1/2π per radian, 1/4π per steradian), times the probability that the
+//! model gives to such a contact (a new face, an outlier). A lost grasp counts as wild in all its contacts:
+//! it was not learnt, but it was not foretold either.
 //!
 //! A model that holds several hypotheses gives the sum of their densities weighed by their
 //! weights before the grasp.
@@ -36,22 +36,25 @@ use crate::space::Space;
 use crate::track::{Estimate, MotionNoise, Tracker};
 use patience::{Held, Patience};
 
-/// The length along a surface's normal over which a wild contact may lie, metres.
+/// The length along a surface's normal over which a wild contact of usual precision may lie, metres.
 pub const REACH: f32 = 0.12;
 
 /// Log density of a contact that no part of the model explains: see the module.
 pub fn wild<S: Space>(contact: &Contact<S>) -> f32 {
-    wild_of::<S>(contact.normal.is_some())
+    wild_of::<S>(contact.normal.is_some(), contact.point_deviation * contact.point_deviation)
 }
 
-/// The same of a contact with a normal or without.
-pub(crate) fn wild_of<S: Space>(is_directed: bool) -> f32 {
-    /// −ln 0.12, −ln 2π, −ln 4π.
+/// The same of a contact with a normal or without, and a point of this variance.
+pub(crate) fn wild_of<S: Space>(is_directed: bool, variance: f32) -> f32 {
+    /// −ln 0.12, −ln 12, −ln 2π, −ln 4π.
     const PLACE: f32 = 2.120_263_5;
+    const DEVIATIONS: f32 = -2.484_906_7;
     const PLANAR: f32 = -1.837_877_1;
     const SPATIAL: f32 = -2.531_024_2;
     let direction = if S::DIMENSION == 2 { PLANAR } else { SPATIAL };
-    PLACE + if is_directed { direction } else { 0.0 }
+    // What is no better known than to 120 mm would never be explained: its own density is less.
+    let place = math::min(PLACE, DEVIATIONS - 0.5 * math::ln(variance));
+    place + if is_directed { direction } else { 0.0 }
 }
 
 /// The same of the usable contacts of a grasp that have these numbers among them.

@@ -155,3 +155,16 @@ fn who_is_behind_is_left_and_a_large_grasp_is_not_kept() {
     felt(&mut tracker, &[5, 5, 5]);
     assert_eq!((tracker.learning(), tracker.second().learnt.len()), (Learning::First, 3));
 }
+
+#[test]
+fn a_vague_contact_where_it_is_expected_is_not_wild() {
+    for point_deviation in [1e-9, 1e-3, 9.9e-3] {
+        let wild = wild(&Contact { point_deviation, ..contact() });
+        assert_eq!(wild, 2.120_263_5 - 1.837_877_1);
+    }
+    for point_deviation in [0.02, 0.1, 1e6] {
+        let bare = [Contact { point_deviation, normal: None, ..contact() }];
+        let exact = all_short_by(&GraspView { contacts: &bare, free: &[] }, 0..1, 0.0);
+        assert!((exact - wild(&bare[0]) - 1.566).abs() < 1e-3, "{point_deviation}");
+    }
+}

@@ -1,12 +1,13 @@
 //! The linear model of trajectory and surface against integration and differences.
 
-use super::tests::{ELLIPSE, KERNEL, Shape, World, tracker, view};
+use super::tests::{ELLIPSE, KERNEL, Plane, Shape, World, tracker, view};
 use super::*;
 use crate::contact::Contact;
 use crate::matrix::{Matrix, Vector};
 use crate::random::Random;
 use crate::space::{Planar, PlanarPose};
-use crate::surface::{Ball, Map, Prior, Surface, Training};
+use crate::surface::{Ball, Map, Matern32, Prior, Surface, Training};
+use std::boxed::Box;
 
 #[test]
 fn laplace_agrees_with_integration() {
@@ -161,4 +162,27 @@ fn a_past_that_is_laid_already_is_the_past_laid_anew() {
         }
     }
     assert!(shared > 100, "{shared}");
+}
+
+#[test]
+fn a_hundred_times_as_large_is_no_other_object() {
+    const SIZE: f32 = 100.0;
+    let mut world = World::new(0);
+    let mut large = Box::new(Plane::new(Shape::new()));
+    let kernel =
+        Matern32 { amplitude: SIZE * KERNEL.amplitude, lengthscale: SIZE * KERNEL.lengthscale };
+    large.map_mut().configure(kernel, Ball::UNSET, Training::Normals);
+    let usual = Settings::DEFAULT.motion;
+    let motion = MotionNoise { translation: SIZE * usual.translation, ..usual };
+    large.configure(Settings { motion, ..Settings::DEFAULT });
+    for grasp in 0..8 {
+        let meant = (grasp > 0).then(|| world.turn());
+        let meant = meant.map(|pose| PlanarPose::new(pose.translation * SIZE, pose.angle()));
+        let mut felt = ELLIPSE.grasp(&world.truth, &mut world.random);
+        for contact in &mut felt {
+            contact.point = contact.point * SIZE;
+            contact.point_deviation *= SIZE;
+        }
+        assert_ne!(large.update(meant.as_ref(), view(&felt)).status, Status::Lost, "{grasp}");
+    }
 }

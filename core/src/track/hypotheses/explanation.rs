@@ -99,7 +99,8 @@ impl<
             return Outcome { lost: self.started, ..Outcome::NONE };
         };
         let touches = self.touches[..count].iter();
-        let nothing: f32 = touches.map(|touch| wild_of::<S>(touch.directed)).sum();
+        let wild = |touch: &Touch<S>| wild_of::<S>(touch.directed, touch.point_variance);
+        let nothing: f32 = touches.map(wild).sum();
         let poor = mapped && is_first && !(here.density > nothing);
         let sought = poor || mapped && is_first && here.known < 2;
         if sought && let Some(slipped) = self.explain(count, free, anywhere) {
