@@ -45,6 +45,7 @@ pub fn wild<S: Space>(contact: &Contact<S>) -> f32 {
 }
 
 /// The same of a contact with a normal or without, and a point of this variance.
+#[inline(never)]
 pub(crate) fn wild_of<S: Space>(is_directed: bool, variance: f32) -> f32 {
     /// −ln 0.12, −ln 12, −ln 2π, −ln 4π.
     const PLACE: f32 = 2.120_263_5;
@@ -217,6 +218,7 @@ where
     B: Evidence<S>,
 {
     /// One grasp for the first while the second waits.
+    #[inline(never)]
     fn alone(&mut self, motion: Option<&S::Pose>, grasp: GraspView<'_, S>) -> Estimate<S> {
         let before = self.first.evidence();
         let first = self.first.update(motion, grasp);

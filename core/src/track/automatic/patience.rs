@@ -39,6 +39,7 @@ impl Patience {
     }
 
     /// Takes one grasp in, of which the model gained this much evidence; whether it is not enough.
+    #[inline(never)]
     pub fn is_over<S: Space>(
         &mut self,
         estimate: &Estimate<S>,
