@@ -18,6 +18,7 @@
 //! The best `K` explanations live on. When the best calls most contacts wild, the object is lost:
 //! the maps stay as they are, and the next grasps are sought at every rotation.
 
+mod alignment;
 mod beam;
 mod belief;
 mod chart;

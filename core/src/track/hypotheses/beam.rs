@@ -41,13 +41,10 @@ impl<S: Space, const N: usize> Beam<S, N> {
         self.count = 0;
     }
 
-    /// Starts anew: no contacts yet, at each of the first `N` tangents.
-    pub fn start(&mut self, roots: impl Iterator<Item = S::Tangent>) {
-        self.count = 0;
-        for (node, tangent) in self.nodes.iter_mut().zip(roots) {
-            *node = Node { tangent, ..Node::UNSET };
-            self.count += 1;
-        }
+    /// Starts anew: no contacts yet, at this tangent.
+    pub fn start(&mut self, tangent: S::Tangent) {
+        self.nodes[0] = Node { tangent, ..Node::UNSET };
+        self.count = 1;
     }
 
     pub fn as_slice(&self) -> &[Node<S>] {

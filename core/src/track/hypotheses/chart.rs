@@ -22,6 +22,12 @@ pub trait Chart: Space {
 
     /// How many.
     const TURNS: usize;
+
+    /// The shortest turn, as a tangent, that takes one unit vector to another.
+    fn turn_to(from: Self::Vector, to: Self::Vector) -> Self::Tangent;
+
+    /// The turn about the unit vector `axis` that takes `from` the nearest to `to`.
+    fn spin(axis: Self::Vector, from: Self::Vector, to: Self::Vector) -> Self::Tangent;
 }
 
 impl Chart for Planar {
@@ -42,6 +48,14 @@ impl Chart for Planar {
     fn turn(index: usize) -> Vector<3> {
         let eighths = if index > 4 { index as f32 - 8.0 } else { index as f32 };
         Vector([0.0, 0.0, core::f32::consts::FRAC_PI_4 * eighths])
+    }
+
+    fn turn_to(from: Vector<2>, to: Vector<2>) -> Vector<3> {
+        Vector([0.0, 0.0, math::atan2(from[0] * to[1] - from[1] * to[0], from.dot(to))])
+    }
+
+    fn spin(_: Vector<2>, from: Vector<2>, to: Vector<2>) -> Vector<3> {
+        Self::turn_to(from, to)
     }
 }
 
@@ -110,6 +124,17 @@ impl Chart for Spatial {
             _ => Vector::ZERO,
         }
     }
+
+    fn turn_to(from: Vector<3>, to: Vector<3>) -> Vector<6> {
+        let axis = from.cross(to).normalized().unwrap_or(from.tangents()[0]);
+        Self::spin(axis, from, to)
+    }
+
+    fn spin(axis: Vector<3>, from: Vector<3>, to: Vector<3>) -> Vector<6> {
+        let along = axis.dot(from) * axis.dot(to);
+        let angle = math::atan2(axis.dot(from.cross(to)), from.dot(to) - along);
+        Vector([0.0, 0.0, 0.0, axis[0] * angle, axis[1] * angle, axis[2] * angle])
+    }
 }
 
 /// Unit vectors across the unit vector `n`, as many as it has coordinates less one (the rest are
@@ -166,6 +191,30 @@ mod tests {
             let t = Planar::transport(by);
             let want = Vector::<3>::from_fn(|i| (0..3).map(|j| t.0[i][j] * small[j]).sum());
             prop_assert!((moved - want).norm() < 2e-5, "{moved:?} {want:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn turns_take_one_vector_to_another(v in proptest::array::uniform6(-1.0f32..1.0)) {
+            let unit = |i: usize| Vector([v[i], v[i + 1], v[i + 2]]).normalized();
+            if let (Some(from), Some(to)) = (unit(0), unit(3)) {
+                let turned = SpatialPose::IDENTITY.retract(Spatial::turn_to(from, to));
+                prop_assert!((turned.rotate(from) - to).norm() < 1e-3, "{from:?} {to:?}");
+                let back = SpatialPose::IDENTITY.retract(Spatial::turn_to(from, -from));
+                prop_assert!((back.rotate(from) + from).norm() < 1e-3, "{from:?}");
+                // About an axis, as near as that gets.
+                let axis = Vector([0.0, 0.6, 0.8]);
+                let spun = SpatialPose::IDENTITY.retract(Spatial::spin(axis, from, to));
+                prop_assert!((spun.rotate(axis) - axis).norm() < 1e-4);
+                let [a, b] = [spun.rotate(from), to].map(|v| v - axis * axis.dot(v));
+                prop_assert!((a.dot(b) - a.norm() * b.norm()).abs() < 1e-4, "{from:?} {to:?}");
+            }
+            let unit = |i: usize| Vector([v[i], v[i + 1]]).normalized();
+            if let (Some(from), Some(to)) = (unit(0), unit(2)) {
+                let turned = PlanarPose::IDENTITY.retract(Planar::turn_to(from, to));
+                prop_assert!((turned.rotate(from) - to).norm() < 1e-4, "{from:?} {to:?}");
+            }
         }
     }
 

@@ -1,14 +1,14 @@
 //! A grasp explained by every hypothesis.
 
+use super::alignment::{ANY_TURN, Alignments, middle};
 use super::chart::Chart;
-use super::hypothesis::Hypothesis;
 use super::plane::Touch;
 use super::search::{Felt, Odds};
 use super::{Hypotheses, VAGUEST};
 use crate::contact::FreePoint;
 use crate::math;
 use crate::matrix::Coordinates;
-use crate::space::{Pose, Space};
+use crate::space::Pose;
 use crate::track::automatic::{log_sum, wild_of};
 
 /// What became of the contacts of a grasp.
@@ -124,29 +124,36 @@ impl<
     /// doubt about it turned to all sides; the best of them. `None` where there is none.
     fn explain(&mut self, count: usize, free: &[FreePoint<S>], wider: [f32; 2]) -> Option<Found> {
         self.search.clear();
+        let touches = &self.touches[..count];
+        let sought = wider[1] > 0.0;
+        let places = match self.best() {
+            Some(best) if sought => Alignments::of(best, touches),
+            _ => Alignments::none(),
+        };
         for number in 0..self.count {
             let slot = usize::from(self.order[number]);
             let odds = self.odds(slot);
-            let felt = Felt { touches: &self.touches[..count], free, wider };
+            let felt = Felt::expected(&self.touches[..count], free, wider);
             // The less likely a hypothesis, the fewer ways it gets to explain the grasp.
             let share = match self.slots[slot].weight {
                 w if w > -2.0 => 1,
                 w if w > -6.0 => 2,
                 _ => 4,
             };
-            let width = usize::from(self.settings.beam.max(1)).div_ceil(share);
             let (search, work, prior) = (&mut self.search, &mut self.work, &self.slots[slot]);
-            let middle = middle(felt.touches);
-            let turns = if wider[1] > 0.0 { S::TURNS } else { 1 };
+            let (tries, width) = match sought {
+                true => (places.poses().len().div_ceil(share), 1),
+                false => (1, usize::from(self.settings.beam.max(1)).div_ceil(share)),
+            };
             // One place that searches, for one copy of it in a board's flash (as all that is not inlined here).
-            let mut turn = 0;
-            while turn < turns {
-                let group = turn..(turn + 8).min(turns);
-                let roots = group.map(|i| {
-                    if turns > 1 { facing(prior, middle, S::turn(i)) } else { S::Tangent::ZERO }
-                });
-                search.explain(work, prior, slot, &felt, &odds, roots, width);
-                turn += 8;
+            for place in 0..tries {
+                let near = match places.poses().get(place) {
+                    Some(pose) => {
+                        Felt { about: prior.pose.local(pose), wider: places.near, ..felt }
+                    }
+                    None => felt,
+                };
+                search.explain(work, prior, slot, &felt, &near, &odds, width);
             }
         }
         let density = self.density();
@@ -178,7 +185,7 @@ impl<
         let far = self.best().map_or(0.0, |best| {
             (best.pose.untransform(middle(touches)) - best.middle()).norm_squared()
         });
-        [math::min(math::max(0.25 * far, 0.1 * 0.1), VAGUEST[0]), 1.5 * 1.5]
+        [math::min(math::max(0.25 * far, 0.1 * 0.1), VAGUEST[0]), ANY_TURN]
     }
 
     /// Log density of what was just explained, over all hypotheses and explanations.
@@ -188,36 +195,4 @@ impl<
             self.order[..self.count].iter().map(|slot| self.slots[usize::from(*slot)].weight);
         all(&mut self.search.leaves().iter().map(|leaf| leaf.node.score)) - all(&mut { before })
     }
-}
-
-/// The mean of the touches, world frame.
-fn middle<S: Space>(touches: &[Touch<S>]) -> S::Vector {
-    let mut sum = S::Vector::ZERO;
-    for touch in touches {
-        sum += touch.point;
-    }
-    sum * (1.0 / touches.len().max(1) as f32)
-}
-
-/// The tangent at the predicted pose that turns the object by `turn` and brings its middle to
-/// `middle` (world frame).
-#[inline(never)]
-fn facing<
-    S: Chart,
-    const FACES: usize,
-    const ROWS: usize,
-    const PACKED: usize,
-    const GRASPS: usize,
->(
-    prior: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>,
-    middle: S::Vector,
-    turn: S::Tangent,
-) -> S::Tangent {
-    let turned = prior.pose.retract(turn);
-    let shift = prior.pose.untransform(middle) - prior.pose.unrotate(turned.rotate(prior.middle()));
-    let mut tangent = turn;
-    for i in 0..S::DIMENSION {
-        tangent[i] = shift[i];
-    }
-    tangent
 }

@@ -323,7 +323,7 @@ fn a_new_face_goes_through_its_contact_whatever_the_pose() {
         normal_variance: 7e-3,
     };
     let mut work = Work::<Spatial, 4, 18, 171>::new();
-    work.begin(&prior, [0.0; 2]);
+    work.begin(&prior, Vector::ZERO, [0.0; 2]);
     assert_eq!(work.open(&touch, &prior.pose, Vector::ZERO), Some(0));
     // However the pose is off, its own contact lies on it, but for its noise.
     let [height, variance] = work.height(touch.point, 0.0, &prior.pose, 0);
@@ -354,7 +354,7 @@ fn a_bound_cuts_the_normal_distribution() {
         point_variance: 1e-10,
         normal_variance: 1e-8,
     };
-    work.begin(&prior, [0.0; 2]);
+    work.begin(&prior, Vector::ZERO, [0.0; 2]);
     work.open(&face, &prior.pose, Vector::ZERO);
     work.joint.add_variance(0, 1e-4);
     // A point 5 mm outside the face; it moves with x, whose deviation is 10 mm.

@@ -61,8 +61,17 @@ impl Odds {
 pub(super) struct Felt<'a, S: Space> {
     pub touches: &'a [Touch<S>],
     pub free: &'a [FreePoint<S>],
-    /// Further doubt about the predicted pose: variances of each translation and rotation.
+    /// Where the object is looked for, as a tangent at the predicted pose.
+    pub about: S::Tangent,
+    /// Further doubt about that: variances of each translation and rotation.
     pub wider: [f32; 2],
+}
+
+impl<'a, S: Space> Felt<'a, S> {
+    /// The object is about where it was predicted.
+    pub fn expected(touches: &'a [Touch<S>], free: &'a [FreePoint<S>], wider: [f32; 2]) -> Self {
+        Felt { touches, free, about: S::Tangent::ZERO, wider }
+    }
 }
 
 /// Log probability that a point is on the right side: its height in metres, the variance of that,
@@ -206,7 +215,7 @@ pub(super) fn replay<
     labels: &[u8],
     at: S::Tangent,
 ) -> f32 {
-    work.begin(prior, felt.wider);
+    work.begin(prior, felt.about, felt.wider);
     let mut density = 0.0;
     for (touch, label) in felt.touches.iter().zip(labels) {
         match *label {
@@ -253,8 +262,8 @@ impl<S: Chart> Search<S> {
         &self.leaves[..self.count]
     }
 
-    /// Explains a grasp by the hypothesis number `parent`, starting from poses displaced by `roots`
-    /// (at most [`BEAM`]), with at most `width` partial answers at a time.
+    /// Explains a grasp by the hypothesis number `parent` with at most `width` partial answers at a time. They
+    /// are sought as if it were known that the object is `near`, and weighed without.
     #[allow(clippy::too_many_arguments)]
     pub fn explain<
         const FACES: usize,
@@ -267,11 +276,11 @@ impl<S: Chart> Search<S> {
         prior: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>,
         parent: usize,
         felt: &Felt<'_, S>,
+        near: &Felt<'_, S>,
         odds: &Odds,
-        roots: impl Iterator<Item = S::Tangent>,
         width: usize,
     ) {
-        self.now.start(roots);
+        self.now.start(near.about);
         for (index, touch) in felt.touches.iter().enumerate() {
             self.next.clear();
             let hopeless = self.now.as_slice().first().map_or(0.0, |n| n.score) - HOPELESS;
@@ -280,7 +289,7 @@ impl<S: Chart> Search<S> {
                 if node.score < hopeless {
                     break;
                 }
-                replay(work, prior, felt, &node.labels[..index], node.tangent);
+                replay(work, prior, near, &node.labels[..index], node.tangent);
                 self.extend(work, prior, index, touch, &node, odds, width);
             }
             core::mem::swap(&mut self.now, &mut self.next);
@@ -313,27 +322,23 @@ impl<S: Chart> Search<S> {
             labels[index] = label;
             Node { labels, tangent, score: node.score + density }
         };
-        // Until a contact lies on a face, the search starts where its root is.
-        let observed = node.labels[..index].iter().any(|l| *l >= FACE);
-        let start = if observed { S::Tangent::ZERO } else { node.tangent };
         // Normals further apart than five deviations need no closer look.
         let mut variance = touch.normal_variance + 0.01;
         for i in S::DIMENSION..S::FREEDOM {
             variance += work.joint.at(i, i);
         }
-        let normal = prior.pose.retract(work.tangent() + start).unrotate(touch.normal);
+        let normal = prior.pose.retract(work.tangent()).unrotate(touch.normal);
         let apart = |face: usize| {
             touch.directed && 1.0 - work.planes[face].normal.dot(normal) > 10.0 * variance
         };
         for face in (0..work.faces).filter(|f| !apart(*f)) {
-            if let Some(found) = work.fit(touch, &prior.pose, face, start)
+            if let Some(found) = work.fit(touch, &prior.pose, face)
                 && found.density > odds.of_wild(touch) - 4.0
             {
                 let label = FACE + face as u8;
                 self.next.offer(child(label, found.tangent, found.density), width);
             }
         }
-        let tangent = if observed { work.tangent() } else { node.tangent };
         let wild = odds.of_wild(touch);
         let mut opens = f32::NEG_INFINITY;
         if touch.directed && work.faces < FACES {
@@ -341,7 +346,7 @@ impl<S: Chart> Search<S> {
                 odds.opens + cuts_nothing(work, prior, touch) + inside_others(work, prior, touch);
         }
         let (label, density) = if opens > wild { (OPENS, opens) } else { (WILD, wild) };
-        self.next.offer(child(label, tangent, density), width);
+        self.next.offer(child(label, work.tangent(), density), width);
     }
 
     /// Scores a whole answer at its own best pose.

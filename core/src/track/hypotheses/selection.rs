@@ -104,7 +104,7 @@ impl<
         wider: [f32; 2],
     ) {
         let odds = self.odds(slot);
-        let felt = Felt { touches: &self.touches[..count], free, wider };
+        let felt = Felt::expected(&self.touches[..count], free, wider);
         let labels = &leaf.node.labels[..count];
         let hypothesis = &mut self.slots[slot];
         let mut opened = hypothesis.faces;
@@ -148,7 +148,7 @@ impl<
     /// (the ratio is the density of their difference at zero over that of a new face; Dickey 1971).
     fn merge(&mut self, slot: usize, odds: &Odds) {
         let (hypothesis, work) = (&mut self.slots[slot], &mut self.work);
-        work.begin(hypothesis, [0.0; 2]);
+        work.begin(hypothesis, S::Tangent::ZERO, [0.0; 2]);
         let mut b = 1;
         while b < hypothesis.faces {
             let mut joined = false;
@@ -162,7 +162,7 @@ impl<
                     let record = hypothesis.records[b];
                     hypothesis.records[a].merge(&record);
                     hypothesis.forget_face(b);
-                    work.begin(hypothesis, [0.0; 2]);
+                    work.begin(hypothesis, S::Tangent::ZERO, [0.0; 2]);
                     joined = true;
                     break;
                 }

@@ -43,11 +43,12 @@ impl<S: Chart, const FACES: usize, const ROWS: usize, const PACKED: usize>
         }
     }
 
-    /// The belief of `prior`, its pose more doubtful by `wider` (variances of each translation and
-    /// rotation).
+    /// The belief of `prior`, its pose about the tangent `about` and more doubtful by `wider` (variances of
+    /// each translation and rotation).
     pub fn begin<const GRASPS: usize>(
         &mut self,
         prior: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>,
+        about: S::Tangent,
         wider: [f32; 2],
     ) {
         self.joint.copy_from(&prior.joint);
@@ -55,6 +56,9 @@ impl<S: Chart, const FACES: usize, const ROWS: usize, const PACKED: usize>
             self.joint.add_variance(i, wider[usize::from(i >= S::DIMENSION)]);
         }
         self.mean[..self.joint.rows()].fill(0.0);
+        for i in 0..S::FREEDOM {
+            self.mean[i] = about[i];
+        }
         self.planes[..prior.faces].copy_from_slice(&prior.planes[..prior.faces]);
         self.faces = prior.faces;
     }
@@ -144,19 +148,13 @@ impl<S: Chart, const FACES: usize, const ROWS: usize, const PACKED: usize>
     }
 
     /// How well a contact fits a plane, given all that was observed so far: one or two Gauss–Newton
-    /// steps of the pose, the first linearised at the mean displaced by `start`.
-    pub fn fit(
-        &self,
-        touch: &Touch<S>,
-        prior: &S::Pose,
-        face: usize,
-        start: S::Tangent,
-    ) -> Option<Match<S>> {
-        let first = self.attempt(touch, prior, face, start)?;
+    /// steps of the pose.
+    pub fn fit(&self, touch: &Touch<S>, prior: &S::Pose, face: usize) -> Option<Match<S>> {
+        let first = self.attempt(touch, prior, face, S::Tangent::ZERO)?;
         let step = first.tangent - self.tangent();
         let mut turn = 0.0;
         for i in S::DIMENSION..S::FREEDOM {
-            turn += (step[i] - start[i]) * (step[i] - start[i]);
+            turn += step[i] * step[i];
         }
         if turn > 0.1 * 0.1 { self.attempt(touch, prior, face, step) } else { Some(first) }
     }
