@@ -215,6 +215,14 @@ fn options_out_of_range_are_refused() {
             },
             "--carried: expected a length and an angle",
         ),
+        (
+            Options {
+                carried: Some(Displacement { length: 1.0, angle: 0.0 }),
+                grasps: Some(1),
+                ..good.clone()
+            },
+            "--carried: expected at least 2 grasps",
+        ),
     ];
     for (options, expected) in cases {
         let error = simulate(&options).unwrap_err().to_string();
