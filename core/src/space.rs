@@ -319,13 +319,13 @@ impl Pose<Spatial> for SpatialPose {
         Self::turn(-self.vector, self.scalar, v)
     }
 
-    #[inline]
+    #[inline(never)]
     fn retract(&self, t: Vector<6>) -> Self {
         let (vector, scalar) = Self::from_rotation_vector(Vector([t[3], t[4], t[5]]));
         self.compose(&SpatialPose { translation: Vector([t[0], t[1], t[2]]), vector, scalar })
     }
 
-    #[inline]
+    #[inline(never)]
     fn local(&self, other: &Self) -> Vector<6> {
         let d = self.unrotate(other.translation - self.translation);
         let (v, s) = Self::multiply((-self.vector, self.scalar), (other.vector, other.scalar));

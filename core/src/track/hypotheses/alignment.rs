@@ -17,15 +17,15 @@ const PAIRED: usize = 6;
 /// Least squared sine between the normals of two touches that tell how the object is turned.
 const ACROSS: f32 = 0.2;
 
-/// Rotations whose axes' ends are this close together (squared, summed) are one.
-const SAME: f32 = 0.1;
+/// Rotations this close together, radians², are one.
+const SAME: f32 = 0.05;
 
 /// What a touch costs at most, and one that lies on no known face: three deviations, squared.
 const WORST: f32 = 9.0;
 
-/// How far off its face a touch may lie beside its own deviation, metres, while the object is being shifted into
-/// its place.
-const LOOSE: [f32; 4] = [0.1, 0.03, 0.01, 0.003];
+/// How far off its face a touch may lie beside its own deviation, metres: at first, and when the object has been
+/// shifted into its place.
+const LOOSE: [f32; 2] = [0.1, 0.003];
 
 /// Variance of normals beside their own, radians²: that of the faces, and of the touches by which it was turned.
 const TURNED: f32 = 0.003;
@@ -65,8 +65,8 @@ impl<S: Chart> Alignments<S> {
         let paired = &touches[..touches.len().min(PAIRED)];
         for (i, first) in paired.iter().enumerate().filter(|(_, touch)| touch.directed) {
             for plane in planes {
-                let turn = S::turn_to(plane.normal, prior.pose.unrotate(first.normal));
-                let pose = prior.pose.retract(turn);
+                let looks = prior.pose.unrotate(first.normal);
+                let pose = prior.pose.retract(S::turn_to(plane.normal, looks));
                 if S::DIMENSION == 2 {
                     all.offer(prior, touches, pose);
                     continue;
@@ -108,14 +108,12 @@ impl<S: Chart> Alignments<S> {
         &mut self,
         prior: &Hypothesis<S, FACES, ROWS, PACKED, GRASPS>,
         touches: &[Touch<S>],
-        turned: S::Pose,
+        pose: S::Pose,
     ) {
-        let (pose, mut cost) = shifted(prior, touches, turned);
-        let tangent = prior.pose.local(&pose);
-        for i in S::DIMENSION..S::FREEDOM {
-            cost += tangent[i] * tangent[i] * (1.0 / ANY_TURN);
-        }
-        if let Some(same) = self.poses().iter().position(|other| is_turned_alike(other, &pose)) {
+        let (pose, mut cost) = shifted(prior, touches, pose);
+        cost += between::<S>(&prior.pose, &pose).1 * (1.0 / ANY_TURN);
+        let alike = |other: &S::Pose| between::<S>(other, &pose).1 < SAME;
+        if let Some(same) = self.poses().iter().position(alike) {
             if self.costs[same] <= cost {
                 return;
             }
@@ -139,6 +137,7 @@ impl<S: Chart> Alignments<S> {
 
 /// The pose shifted until touches lie on the faces that they fit best, from where the middle of the object is that
 /// of the touches; and what it costs, in squared deviations.
+#[inline(never)]
 fn shifted<
     S: Chart,
     const FACES: usize,
@@ -151,13 +150,15 @@ fn shifted<
     pose: S::Pose,
 ) -> (S::Pose, f32) {
     let mut cost = 0.0;
-    let mut shift = middle(touches) - pose.transform(prior.middle());
-    for loose in LOOSE {
+    // In axes of the object.
+    let mut shift = pose.untransform(middle(touches)) - prior.middle();
+    let mut loose = LOOSE[0];
+    while loose >= LOOSE[1] {
         cost = 0.0;
         for touch in touches {
             let (mut least, mut by) = (WORST, S::Vector::ZERO);
-            let (point, looks) =
-                (pose.untransform(touch.point - shift), pose.unrotate(touch.normal));
+            let point = pose.untransform(touch.point) - shift;
+            let looks = pose.unrotate(touch.normal);
             for plane in &prior.planes[..prior.faces] {
                 let mut off = 0.0;
                 if touch.directed {
@@ -171,21 +172,22 @@ fn shifted<
                 }
             }
             cost += least;
-            shift += pose.rotate(by);
+            shift += by;
         }
+        loose *= 0.33;
     }
-    (S::Pose::from_translation(shift).compose(&pose), cost)
+    (pose.retract(S::Tangent::from_fn(|i| if i < S::DIMENSION { shift[i] } else { 0.0 })), cost)
 }
 
-/// Whether the axes of both poses point nearly the same ways.
-fn is_turned_alike<S: Space, P: Pose<S>>(a: &P, b: &P) -> bool {
-    let mut apart = 0.0;
-    for i in 0..S::DIMENSION {
-        let mut axis = S::Vector::ZERO;
-        axis[i] = 1.0;
-        apart += (a.rotate(axis) - b.rotate(axis)).norm_squared();
+/// The tangent that displaces one pose to another, and the square of its angle.
+#[inline(never)]
+pub(super) fn between<S: Space>(from: &S::Pose, to: &S::Pose) -> (S::Tangent, f32) {
+    let tangent = from.local(to);
+    let mut squared = 0.0;
+    for i in S::DIMENSION..S::FREEDOM {
+        squared += tangent[i] * tangent[i];
     }
-    apart < SAME
+    (tangent, squared)
 }
 
 /// The mean of the touches, world frame.

@@ -130,6 +130,7 @@ impl Chart for Spatial {
         Self::spin(axis, from, to)
     }
 
+    #[inline(never)]
     fn spin(axis: Vector<3>, from: Vector<3>, to: Vector<3>) -> Vector<6> {
         let along = axis.dot(from) * axis.dot(to);
         let angle = math::atan2(axis.dot(from.cross(to)), from.dot(to) - along);

@@ -1,6 +1,6 @@
 //! A grasp explained by every hypothesis.
 
-use super::alignment::{ANY_TURN, Alignments, middle};
+use super::alignment::{ANY_TURN, Alignments, between, middle};
 use super::chart::Chart;
 use super::plane::Touch;
 use super::search::{Felt, Odds};
@@ -148,9 +148,11 @@ impl<
             // One place that searches, for one copy of it in a board's flash (as all that is not inlined here).
             for place in 0..tries {
                 let near = match places.poses().get(place) {
-                    Some(pose) => {
-                        Felt { about: prior.pose.local(pose), wider: places.near, ..felt }
-                    }
+                    Some(pose) => Felt {
+                        about: between::<S>(&prior.pose, pose).0,
+                        wider: places.near,
+                        ..felt
+                    },
                     None => felt,
                 };
                 search.explain(work, prior, slot, &felt, &near, &odds, width);
