@@ -231,6 +231,22 @@ mod firmware {
         pose
     }
 
+    /// One grasp more, after somebody put the box 300 mm away and turned it by 60°.
+    #[inline(never)]
+    fn carry<S: tactile_core::wire::WireSpace, T: Onboard<S>>(
+        counter: &Counter,
+        pose: &S::Pose,
+        tracker: &mut T,
+    ) {
+        let mut away = S::Tangent::ZERO;
+        (away[0], away[S::FREEDOM - 1]) = (0.3, 1.05);
+        let contacts = touch_box::<S>(&pose.retract(away), 16, &mut Random::new(4));
+        counter.report("  grasp update, carried away", || {
+            let view = GraspView { contacts: &contacts, free: &[] };
+            black_box(tracker.update(Some(&S::Pose::IDENTITY), view));
+        });
+    }
+
     // `entry` makes an argument of each static.
     #[allow(clippy::too_many_arguments)]
     #[cortex_m_rt::entry]
@@ -252,8 +268,10 @@ mod firmware {
         update::<Spatial, _, _>(&counter, "spatial", SPATIAL);
         let pose = follow::<Planar, _>(&counter, "planar hypotheses", PLANAR_HYPOTHESES);
         choose::<Planar, _>(&counter, &pose, PLANAR_HYPOTHESES);
+        carry::<Planar, _>(&counter, &pose, PLANAR_HYPOTHESES);
         let pose = follow::<Spatial, _>(&counter, "spatial hypotheses", SPATIAL_HYPOTHESES);
         choose::<Spatial, _>(&counter, &pose, SPATIAL_HYPOTHESES);
+        carry::<Spatial, _>(&counter, &pose, SPATIAL_HYPOTHESES);
         follow::<Planar, _>(&counter, "planar rao-blackwell", PLANAR_PARTICLES);
         follow::<Spatial, _>(&counter, "spatial rao-blackwell", SPATIAL_PARTICLES);
         follow::<Planar, _>(&counter, "planar curved", PLANAR_CURVED);
