@@ -110,6 +110,8 @@ fn bad_input_is_refused_and_leaves_nothing() {
         "live --port virtual --log @missing.jsonl --out @out",
         "live --port virtual --log @noise.tac --out @out",
         "live --port virtual --log @log.jsonl --record @no/such/folder.tac --out @out",
+        "live --port virtual --log @log.jsonl --record @out/report.json --out @out",
+        "reproduce tracking --first-seed 18446744073709551615 --seeds 2",
         "replay @noise.tac -o @back.jsonl",
         "replay @empty.tac -o @back.jsonl",
         "replay @missing.tac -o @back.jsonl",

@@ -286,6 +286,10 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
     let view = stage.finish(&mut outcome);
     output::begin(&args.out).map_err(Error::failure)?;
     bench.write(&args.out.join("log.jsonl")).map_err(Error::failure)?;
+    if bench.log().dimension == 2 {
+        // The true mesh of an earlier run.
+        output::remove(&args.out.join("log.ply")).map_err(Error::failure)?;
+    }
     let truth = Some(bench.geometry());
     outcome.write(&args.out, bench.log(), truth, &[]).map_err(Error::failure)?;
     let report = outcome.report.to_json().map_err(Error::failure)?;

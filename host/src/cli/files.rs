@@ -23,6 +23,21 @@ pub(super) fn spare(input: &Path, folder: &Path) -> Result<(), Error> {
     RESULTS.iter().try_for_each(|name| apart(input, &folder.join(name), "--out"))
 }
 
+/// Refuses an output that one of the results in `folder` would replace, whether they are there yet or not.
+pub(super) fn beside(output: &Path, option: &str, folder: &Path) -> Result<(), Error> {
+    let place =
+        |path: &Path| std::fs::canonicalize(path).or_else(|_| std::path::absolute(path)).ok();
+    let named = output.file_name().is_some_and(|name| RESULTS.iter().any(|result| name == *result));
+    let above = output.parent().filter(|p| *p != Path::new("")).unwrap_or(Path::new("."));
+    if named && place(above) == place(folder) {
+        let name = output.display();
+        return Err(Error::Input(format!(
+            "{option}: {name} is where one of the results goes; expected another place"
+        )));
+    }
+    Ok(())
+}
+
 /// The file that an object is from.
 pub(super) fn of(object: &ObjectSpec) -> Option<&Path> {
     match object {

@@ -32,7 +32,7 @@ use crate::slam::choose::Choice;
 use crate::slam::output::{self, Provenance, conclude};
 use crate::slam::track::Step;
 use crate::slam::trackers::Kind;
-use crate::space::Bridge;
+use crate::space::{Bridge, Point};
 
 mod record;
 mod watch;
@@ -175,6 +175,26 @@ fn pace(text: &str) -> Result<Duration, String> {
         .ok_or_else(|| format!("expected seconds from 0 to 3600, found `{text}`"))
 }
 
+/// Points in frames are no further from the origin than this, metres: micrometres in 32 bits.
+const FURTHEST: f64 = i32::MAX as f64 * 1e-6;
+
+/// Refuses points that a frame cannot hold.
+fn fits_frames(log: &GraspLog) -> Result<(), String> {
+    let fits = |p: &Point| p.amax() <= FURTHEST;
+    for grasp in &log.grasps {
+        let points =
+            grasp.contacts.iter().map(|c| c.point).chain(grasp.free.iter().map(|f| f.point));
+        if let Some(p) = points.into_iter().find(|p| !fits(p)) {
+            return Err(format!(
+                "grasp {}: expected points within ±2147 m, which is what frames to a board can say, found \
+                 [{}, {}, {}]",
+                grasp.index, p.x, p.y, p.z
+            ));
+        }
+    }
+    Ok(())
+}
+
 /// Runs the subcommand.
 ///
 /// # Errors
@@ -191,8 +211,12 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
     if let (Some(log), Some(record)) = (&args.log, &args.record) {
         files::apart(log, record, "--record")?;
     }
+    if let Some(record) = &args.record {
+        files::beside(record, "--record", &args.out)?;
+    }
     let input = Input::open(args.log.as_deref(), args.bundled, &args.out)?;
     let Input { log, name, truth } = &input;
+    fits_frames(log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
     let sensors = sensors(args, log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
     let sensors = sensors.as_ref();
     let expected = match args.wanted() {
@@ -485,6 +509,20 @@ fn words<S: WireSpace>(outcome: &LogOutcome<S>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn points_that_frames_cannot_say_are_refused() {
+        let at = |x: f64| {
+            let log = format!(
+                "{{\"format\":\"tactile-grasp-log\",\"version\":1,\"dimension\":2,\"frame\":\"world\"}}\n\
+                 {{\"grasp\":7,\"contacts\":[{{\"point\":[0,0]}}],\"free\":[{{\"point\":[0,{x}]}}]}}\n"
+            );
+            fits_frames(&GraspLog::parse(log.as_bytes(), std::path::Path::new("x")).unwrap())
+        };
+        assert_eq!(at(-2147.48), Ok(()));
+        let error = at(-2147.49).unwrap_err();
+        assert!(error.contains("grasp 7: expected points within ±2147 m"), "{error}");
+    }
 
     #[test]
     fn paces_are_read_strictly() {

@@ -48,7 +48,7 @@ pub struct OptimizeArgs {
     /// How to descend [default: gauss-newton]
     #[arg(long, value_enum)]
     method: Option<Descent>,
-    /// Steps at most [default: 100]
+    /// Steps at most in each descent, of which one start may take several [default: 100]
     #[arg(long, value_name = "N")]
     iterations: Option<usize>,
     /// Print the result as JSON; initial_chi2 is at the file's poses

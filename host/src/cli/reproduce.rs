@@ -200,6 +200,14 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Error> {
             if fixed { "has no chance in it".into() } else { format!("takes at most {most}") };
         return Err(Error::Input(format!("--seeds: {} {what}", args.name)));
     }
+    if let Some(first) = args.part.first_seed
+        && first.checked_add(args.seeds()).is_none()
+    {
+        return Err(Error::Input(format!(
+            "--first-seed {first}: expected that it and --seeds {} make less than 2^64",
+            args.seeds()
+        )));
+    }
     // Before anything long is begun.
     if let Some(folder) = &args.out {
         let figures = names().into_iter().filter(|name| args.name == "all" || args.name == *name);

@@ -184,7 +184,7 @@ pub fn run(
     };
     let title = format!(
         "Shapes at known poses, uniform contacts, noise {noise}{wild}, seeds {first_seed} to {}",
-        (first_seed + seeds).saturating_sub(1)
+        first_seed.saturating_add(*seeds).saturating_sub(1)
     );
     let overall = (rows.len() > 1).then(|| overall(&rows, &selection.models()));
     Ok(Comparison { title, rows, overall, skipped })

@@ -246,7 +246,7 @@ pub fn run(selection: &Selection, mut done: impl FnMut(&Row)) -> Result<Comparis
             }
         }
     }
-    let Selection { carried, outliers, seeds, first_seed, .. } = selection;
+    let Selection { carried, outliers, first_seed, .. } = selection;
     let title = format!(
         "Tracking{}: contacts 1 mm and 5°, {:.0} % of them wild{}, seeds {first_seed} to {}",
         match selection.graph {
@@ -256,7 +256,7 @@ pub fn run(selection: &Selection, mut done: impl FnMut(&Row)) -> Result<Comparis
         },
         100.0 * outliers,
         carried.map_or(String::new(), |by| format!(", objects carried {by} away half-way")),
-        (first_seed + seeds).saturating_sub(1)
+        selection.range().end.saturating_sub(1)
     );
     let overall = overall(&rows);
     Ok(Comparison { title, rows, overall })

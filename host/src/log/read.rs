@@ -132,6 +132,7 @@ impl GraspLog {
         let mut log: Option<GraspLog> = None;
         let mut bytes = Vec::new();
         let mut number = 0;
+        let unread = |source| LogError::Io { file: name.into(), action: "read", source };
         loop {
             bytes.clear();
             number += 1;
@@ -139,7 +140,7 @@ impl GraspLog {
                 .by_ref()
                 .take(MAX_LINE as u64 + 1)
                 .read_until(b'\n', &mut bytes)
-                .map_err(|source| LogError::Io { file: name.into(), action: "read", source })?;
+                .map_err(unread)?;
             if read == 0 {
                 break;
             }
@@ -154,6 +155,10 @@ impl GraspLog {
                 },
                 (Err(error), None) => return Err(error),
                 (Err(error), Some(_)) => refuse(error)?,
+            }
+            if read > MAX_LINE && !bytes.ends_with(b"\n") {
+                // The rest of a line that is too long is no line.
+                reader.skip_until(b'\n').map_err(unread)?;
             }
         }
         log.ok_or_else(|| LogError::Content {

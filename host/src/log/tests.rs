@@ -123,6 +123,19 @@ fn a_line_without_end_is_refused_before_memory_is_full() {
 }
 
 #[test]
+fn a_line_that_is_too_long_is_left_out_as_one() {
+    let long = format!("{{\"padding\":\"{}\"}}", "x".repeat(33 << 20));
+    let text = format!("{HEADER2}\n{long}\n{GRASP2}\nno grasp\n");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("log.jsonl");
+    std::fs::write(&path, text).unwrap();
+    let (log, left_out) = GraspLog::salvage(&path).unwrap();
+    assert_eq!((log.grasps.len(), left_out.len()), (1, 2));
+    assert!(left_out[0].to_string().contains("line 2: is longer"), "{}", left_out[0]);
+    assert!(left_out[1].to_string().contains("line 4: "), "{}", left_out[1]);
+}
+
+#[test]
 fn headers_are_checked() {
     let header = |from: &str, to: &str, field: &str, expected: &str| {
         let changed = HEADER2.replace(from, to);

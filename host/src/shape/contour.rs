@@ -90,7 +90,10 @@ fn trace(field: &dyn Field, lattice: &Lattice, samples: &Samples) -> (Outline, b
         while vertices.len() > 1 && !apart(&vertices[0], &vertices[vertices.len() - 1]) {
             vertices.pop();
         }
-        if vertices.len() >= 3 {
+        // Where the field is zero along a row of nodes it runs there and back, around nothing.
+        let along = vertices.iter().zip(vertices.iter().cycle().skip(1));
+        let length: f64 = along.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).sum();
+        if signed_area(&vertices).abs() > SAME * lattice.spacing() * length {
             loops.push(vertices);
         }
     }
@@ -428,6 +431,12 @@ mod tests {
         assert!(area < circle && area > 0.995 * circle, "{area}");
         assert_eq!(contour.deviations.len(), contour.outline.loops[0].len());
         assert_eq!(contour.deviations[3], contour.outline.loops[0][3][0].abs());
+    }
+
+    #[test]
+    fn a_field_that_is_zero_along_a_row_encloses_nothing_there() {
+        let f = |x: f64, y: f64| if x.abs() < 0.05 { y.abs() } else { 0.01 + y.abs() };
+        assert_eq!(areas(&trace(f, 0.004)), Vec::<f64>::new());
     }
 
     #[test]

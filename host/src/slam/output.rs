@@ -286,7 +286,7 @@ pub fn begin(folder: &Path) -> Result<(), WriteError> {
 }
 
 /// Removes a file, if it is there.
-fn remove(path: &Path) -> Result<(), WriteError> {
+pub(crate) fn remove(path: &Path) -> Result<(), WriteError> {
     match std::fs::remove_file(path) {
         Err(e) if e.kind() != io::ErrorKind::NotFound => Err(WriteError::at(path)(e)),
         _ => Ok(()),

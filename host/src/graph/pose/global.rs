@@ -176,7 +176,8 @@ impl<G: Rigid<D, N>, const D: usize, const N: usize> Search<'_, G, D, N> {
     fn try_start(&mut self, start: Start, poses: Vec<G>) -> Result<(), Error> {
         self.graph.poses = poses;
         let to_beat = self.best.as_ref().map(|best| best.summary.final_cost);
-        let max_iterations = to_beat.map_or(self.options.max_iterations, |_| TRIAL);
+        let most = self.options.max_iterations;
+        let max_iterations = to_beat.map_or(most, |_| TRIAL.min(most));
         let mut summary = self.descend(Options { max_iterations, ..*self.options })?;
         // Far from the minimum, whole steps may lead anywhere.
         if to_beat.is_none() && !summary.converged() && self.options.method == Method::GaussNewton {
@@ -285,6 +286,15 @@ mod tests {
             assert!(optimum.summary.final_chi2 <= alone.final_chi2 * (1.0 + 1e-9));
         }
         assert!(tried_all > 0);
+    }
+
+    #[test]
+    fn without_steps_nothing_moves_from_where_it_starts() {
+        let mut graph = grid::<Se2, 3>(0, 4, 0.4);
+        let given = graph.chi2();
+        let optimum = found(&mut graph, &Options { max_iterations: 0, ..OPTIONS });
+        assert_eq!(optimum.summary.iterations(), 0);
+        assert!(graph.chi2() <= given);
     }
 
     #[test]

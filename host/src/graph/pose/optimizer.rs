@@ -28,7 +28,7 @@ pub struct Options {
     pub method: Method,
     /// What edges cost.
     pub kernel: Kernel,
-    /// Steps tried at most, accepted or not.
+    /// Steps tried at most in one descent, accepted or not.
     pub max_iterations: usize,
     /// Converged when the linearised cost promises to fall by no more than this share of the cost,
     /// gᵀ H⁻¹ g ≤ tolerance · cost, and that last step is taken too: what is left then is smaller by

@@ -83,14 +83,14 @@ impl Fit {
         let mut remarks = Vec::new();
         match self.per_degree() {
             Some(ratio) if ratio > 100.0 => remarks.push(format!(
-                "errors are {:.0} times what the information says: edges that contradict each other, a \
+                "errors are {} times what the information says: edges that contradict each other, a \
                  local minimum, or information in another unit",
-                ratio.sqrt()
+                factor(ratio.sqrt())
             )),
             Some(ratio) if ratio < 1e-4 => remarks.push(format!(
-                "errors are {:.0} times smaller than the information says: information in another unit, \
+                "errors are {} times smaller than the information says: information in another unit, \
                  or edges made from the poses",
-                1.0 / ratio.sqrt().max(f64::MIN_POSITIVE)
+                factor(1.0 / ratio.sqrt().max(f64::MIN_POSITIVE))
             )),
             _ => (),
         }
@@ -105,6 +105,11 @@ impl Fit {
         }
         remarks
     }
+}
+
+/// A factor as it is read best.
+fn factor(factor: f64) -> String {
+    if factor < 1e6 { format!("{factor:.0}") } else { format!("{factor:.0e}") }
 }
 
 /// Measured numbers less those that the poses need.

@@ -80,6 +80,17 @@ fn parts_are_named_by_their_poses() {
 }
 
 #[test]
+fn factors_are_told_in_few_digits() {
+    let mut graph = chain(5);
+    for edge in &mut graph.edges {
+        edge.information *= 1e-300;
+    }
+    graph.poses[4] = graph.poses[0];
+    let remarks = Fit::of(&graph, 3).remarks();
+    assert!(remarks[0].contains(" times smaller") && remarks[0].len() < 150, "{remarks:?}");
+}
+
+#[test]
 fn edges_without_weight_connect_nothing() {
     let mut graph = chain(4);
     graph.edges.truncate(3);
