@@ -1,18 +1,19 @@
 //! The joint graph of poses and flat faces, from a log and what trackers made of it.
 
-use nalgebra::{Const, DimMin, Matrix3, Matrix6};
+use nalgebra::{Const, DimMin, Matrix3, Matrix6, SMatrix};
 use rayon::prelude::*;
 
 use super::alias::restart;
 use super::average::{Averaged, averaged};
 use super::confine::{Confined, confined};
 use super::explain::{fitted, improve, is_endless, settle};
-use super::factors::{step, touch};
+use super::factors::touch;
 use super::problem::{Labels, Problem, State};
 use super::regular::regular;
 use super::retrack::{backwards, retrack};
 use super::ridge::{self, Ridge, named};
 use super::seat::{Seated, seated};
+use super::slip::information;
 use super::solve::Solved;
 use super::tangent::{Face, six_by_six};
 use crate::log::GraspLog;
@@ -91,7 +92,7 @@ pub struct Corrected {
     /// their faces are surface.
     pub cost: f64,
     /// χ² per degree of freedom of the contacts that lie on faces and edges, up to a tenth that are strange there left
-    /// out, and of the motions, robustly: about 1 on flat faces.
+    /// out, and of the motions that were measured, robustly: about 1 on flat faces.
     pub per_degree: f64,
 }
 
@@ -399,7 +400,7 @@ pub(super) fn corrected<const D: usize>(
         faces,
         owners: best.labels.clone(),
         cost: best.cost + cost,
-        per_degree: per_degree(problem, &state, &best.labels),
+        per_degree: per_degree::<D>(problem, &state, &best.labels),
     };
     Some(Seated { solved: best, corrected, hanging })
 }
@@ -429,37 +430,49 @@ pub(super) fn criterion(problem: &Problem, found: &Corrected, numbers: usize) ->
 }
 
 /// χ² of contacts, without those that are strange, and of motions, robustly, over the numbers measured less those found.
-fn per_degree(problem: &Problem, state: &State, labels: &Labels) -> f64 {
+fn per_degree<const D: usize>(problem: &Problem, state: &State, labels: &Labels) -> f64 {
     let d = problem.dimension;
-    let mut contacts: Vec<(f64, f64)> = Vec::with_capacity(labels.len());
+    let mut contacts: Vec<Left<D>> = Vec::with_capacity(labels.len());
     for (felt, label) in problem.felt.iter().zip(labels) {
         let Some(owner) = label else { continue };
         let (pose, faces) = (&state.poses[felt.grasp], named(owner, &state.faces));
-        let chi = match (Ridge::new(&faces), &faces[..]) {
-            (Some(ridge), _) => ridge.touch(pose, d, &felt.contact).residual.norm_squared(),
-            (None, [face, ..]) => touch(pose, face, d, &felt.contact).residual.norm_squared(),
-            _ => 0.0,
+        let (chi, of_pose) = match (Ridge::new(&faces), &faces[..]) {
+            (Some(ridge), _) => {
+                let touch = ridge.touch(pose, d, &felt.contact);
+                (touch.residual.norm_squared(), information(&touch.by_pose))
+            }
+            (None, [face, ..]) => {
+                let touch = touch(pose, face, d, &felt.contact);
+                (touch.residual.norm_squared(), information(&touch.by_pose))
+            }
+            _ => (0.0, SMatrix::zeros()),
         };
-        contacts.push((chi, problem.numbers(&felt.contact) as f64));
+        let numbers = problem.numbers(&felt.contact) as f64;
+        contacts.push(Left { grasp: felt.grasp, chi, numbers, of_pose });
     }
-    let strange = contacts.iter().filter(|(chi, _)| *chi > STRANGE).count();
+    let strange = contacts.iter().filter(|left| left.chi > STRANGE).count();
     if strange as f64 <= WILD * contacts.len() as f64 {
-        contacts.retain(|(chi, _)| *chi <= STRANGE);
+        contacts.retain(|left| left.chi <= STRANGE);
     }
-    let mut chi: f64 = contacts.iter().map(|(chi, _)| chi).sum();
-    let degrees: f64 = contacts.iter().map(|(_, degrees)| degrees).sum();
+    let mut chi: f64 = contacts.iter().map(|left| left.chi).sum();
+    let mut degrees: f64 = contacts.iter().map(|left| left.numbers).sum();
+    degrees -= (d * state.faces.len()) as f64;
     let centre = problem.middle(&state.poses);
     for k in 1..state.poses.len() {
-        let motion = &problem.motions[k];
-        let (before, after) = (&state.poses[k - 1], &state.poses[k]);
-        let step = step(before, after, &motion.pose, motion.deviations, &centre);
-        let squared = step.residual.norm_squared();
-        // A slip says nothing about the faces.
-        if !problem.is_carried(k, squared) {
-            chi += 2.0 * problem.slip(k, squared).0;
-        }
+        let felt = || contacts.iter().filter(|left| left.grasp == k).map(|left| left.of_pose).sum();
+        let (slipped, spent) = problem.told::<D>(k, &state.poses, &centre, felt);
+        chi += slipped;
+        degrees -= spent;
     }
-    chi / (degrees - (d * state.faces.len()) as f64).max(1.0)
+    chi / degrees.max(1.0)
+}
+
+/// What the faces leave of a grasp's contact: its χ², how many numbers it is, what it says of the pose.
+struct Left<const D: usize> {
+    grasp: usize,
+    chi: f64,
+    numbers: f64,
+    of_pose: SMatrix<f64, D, D>,
 }
 
 #[cfg(test)]

@@ -53,6 +53,8 @@ pub struct Motion {
     pub pose: Pose,
     /// Of translation (metres) and rotation (radians), per object axis.
     pub deviations: [f64; 2],
+    /// Whether somebody measured it; else it only says that objects mostly stay near.
+    pub measured: bool,
 }
 
 /// Everything measured.
@@ -133,9 +135,9 @@ impl Problem {
             starts.push(felt.len());
         }
         let motion = |logged: Option<Pose>| match logged {
-            Some(pose) if finite(&pose) => Motion { pose, deviations: usual },
+            Some(pose) if finite(&pose) => Motion { pose, deviations: usual, measured: true },
             // At least as uncertain as one that was measured.
-            _ => Motion { pose: Pose::identity(), deviations: unknown },
+            _ => Motion { pose: Pose::identity(), deviations: unknown, measured: false },
         };
         let motions = log.grasps.iter().map(|g| motion(g.motion)).collect();
         Problem::of_all(log.dimension, felt, starts, free, motions)
@@ -147,7 +149,7 @@ impl Problem {
         let usable = contacts.iter().filter_map(Contact::checked);
         let felt: Vec<Felt> = usable.map(|contact| Felt::new(0, contact)).collect();
         let starts = vec![0, felt.len()];
-        let still = Motion { pose: Pose::identity(), deviations: UNKNOWN };
+        let still = Motion { pose: Pose::identity(), deviations: UNKNOWN, measured: false };
         Problem::of_all(dimension, felt, starts, vec![], vec![still])
     }
 

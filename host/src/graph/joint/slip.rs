@@ -1,8 +1,11 @@
 //! What the object did between two grasps beside what the hand says: it slipped a little, or, rarely,
 //! it was carried away.
 
+use nalgebra::{Cholesky, SMatrix};
+
 use super::factors::{Kernel, step};
 use super::problem::{Motion, Problem, either};
+use super::tangent::axes;
 use crate::space::{Point, Pose};
 
 /// Nats by which an object that was carried away is rarer than one that slipped a little.
@@ -17,7 +20,7 @@ const LOOSE: f64 = 1e-6;
 impl Problem {
     /// What the motion before a grasp costs between the poses `before` and `after` it, slips about `centre`.
     pub fn moved(&self, grasp: usize, before: &Pose, after: &Pose, centre: &Point) -> f64 {
-        let Motion { pose, deviations } = &self.motions[grasp];
+        let Motion { pose, deviations, .. } = &self.motions[grasp];
         let step = step(before, after, pose, *deviations, centre);
         self.slip(grasp, step.residual.norm_squared()).0
     }
@@ -37,6 +40,30 @@ impl Problem {
         Kernel::USUAL.cost(squared).0 > self.carried(grasp)
     }
 
+    /// χ² of the motion before a grasp between the `poses`, robustly, and how many numbers of the contacts go
+    /// into the pose after it, of which they say as much as is `felt`. A measured motion is as many numbers as
+    /// a pose has; one that nobody measured, or of an object that was rather carried away, says nothing, so
+    /// that contacts have to.
+    pub(super) fn told<const D: usize>(
+        &self,
+        grasp: usize,
+        poses: &[Pose],
+        centre: &Point,
+        felt: impl FnOnce() -> SMatrix<f64, D, D>,
+    ) -> (f64, f64) {
+        let Motion { pose, deviations, measured } = &self.motions[grasp];
+        let step = step(&poses[grasp - 1], &poses[grasp], pose, *deviations, centre);
+        let squared = step.residual.norm_squared();
+        let (cost, weight) = self.slip(grasp, squared);
+        if *measured && !self.is_carried(grasp, squared) {
+            return (2.0 * cost, 0.0);
+        }
+        // Directions that contacts leave open stay with the motion, however little it says.
+        let felt = felt();
+        let both = felt + information::<6, D>(&step.by_after) * weight;
+        (0.0, Cholesky::new(both).map_or(0.0, |both| both.solve(&felt).trace()))
+    }
+
     /// −ln of how likely it is that the object was carried away before a grasp, over how likely that it is where
     /// the motion says: a uniform density of places and turns over a normal one's peak.
     fn carried(&self, grasp: usize) -> f64 {
@@ -50,6 +77,15 @@ impl Problem {
         };
         CARRIED + room.ln().max(0.0)
     }
+}
+
+/// What residuals say of a pose, by its tangent, whose derivatives they are.
+pub(super) fn information<const R: usize, const D: usize>(
+    by_pose: &SMatrix<f64, R, 6>,
+) -> SMatrix<f64, D, D> {
+    let chosen = axes::<D>();
+    let rows = SMatrix::<f64, R, D>::from_fn(|r, c| by_pose[(r, chosen[c])]);
+    rows.tr_mul(&rows)
 }
 
 #[cfg(test)]

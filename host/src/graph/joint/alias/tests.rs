@@ -36,7 +36,7 @@ fn a_move_of_contacts_that_no_face_explains_promises_what_it_gains() {
         let mut problem = problem.clone();
         for k in [6, until + 1] {
             let pose = wrong.poses[k] * wrong.poses[k - 1].inverse();
-            problem.motions[k] = Motion { pose, deviations: [0.01, 0.3] };
+            problem.motions[k] = Motion { pose, deviations: [0.01, 0.3], measured: true };
         }
         let wrong = solve::<3>(&problem, wrong, labels).unwrap();
         let moves = moves(&problem, &wrong, &targets(&problem, &wrong), &|_| true);

@@ -38,7 +38,7 @@ impl Scene {
             covariance: Matrix3::zeros(),
             contacts: touched.iter().filter(|t| t.1 == i).count(),
         });
-        let motion = |pose: Pose| Motion { pose, deviations: [0.02, 0.35] };
+        let motion = |pose: Pose| Motion { pose, deviations: [0.02, 0.35], measured: true };
         let first = touched.iter().filter(|t| t.0 == 0).count();
         Scene {
             planes: planes.collect(),

@@ -13,7 +13,7 @@ fn misfit(strange: usize, deviations: f64) -> f64 {
     for contact in grasps.flat_map(|grasp| &mut grasp.contacts).take(strange) {
         contact.point += contact.normal.unwrap() * (deviations * DEVIATION);
     }
-    per_degree(&Problem::new(&log), &state, &labels)
+    per_degree::<3>(&Problem::new(&log), &state, &labels)
 }
 
 #[test]
@@ -32,11 +32,41 @@ fn a_slip_does_not_speak_against_faces() {
         (log.noise.translation, log.noise.rotation) = (Some(2e-3), Some(0.05));
         let motion = log.grasps[4].motion.as_mut().unwrap();
         *motion = nalgebra::Translation3::new(far, 0.0, 0.0) * *motion;
-        per_degree(&Problem::new(&log), &state, &labels)
+        per_degree::<3>(&Problem::new(&log), &state, &labels)
     };
     assert!((0.1..1.0).contains(&slipped(0.012)), "{}", slipped(0.012));
     // An object that was rather carried away says nothing at all.
     assert!(slipped(0.03).abs() < 1e-6, "{}", slipped(0.03));
+}
+
+#[test]
+fn contacts_pay_for_poses_that_no_motion_tells() {
+    let mut log = exact("rectangle:0.10x0.06", 10);
+    let (_, state, labels) = at_truth(&log);
+    (log.noise.point, log.noise.normal) = (Some(DEVIATION), Some(0.1));
+    let contact = &mut log.grasps[0].contacts[0];
+    contact.point += contact.normal.unwrap() * (3.0 * DEVIATION);
+    let spent = |log: &GraspLog, labels: &Labels, motion: Option<Pose>| {
+        let told = |log: &GraspLog| per_degree::<3>(&Problem::new(log), &state, labels);
+        let mut untold = log.clone();
+        untold.grasps[4].motion = motion;
+        let numbers = 2.0 * labels.iter().flatten().count() as f64 - 8.0;
+        numbers * (1.0 - told(log) / told(&untold))
+    };
+    let far = Some(Pose::translation(0.5, 0.0, 0.0));
+    for motion in [None, far] {
+        let all = spent(&log, &labels, motion);
+        assert!((all - 3.0).abs() < 0.01, "{all}");
+    }
+    // One contact tells how far off its face is and how it is turned, and not where along it.
+    let before: usize = log.grasps[..4].iter().map(|grasp| grasp.contacts.len()).sum();
+    let mut fewer = labels.clone();
+    fewer.drain(before + 1..before + log.grasps[4].contacts.len());
+    log.grasps[4].contacts.truncate(1);
+    for motion in [None, far] {
+        let some = spent(&log, &fewer, motion);
+        assert!((some - 2.0).abs() < 0.02, "{some}");
+    }
 }
 
 #[test]

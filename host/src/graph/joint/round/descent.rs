@@ -144,24 +144,34 @@ pub(super) fn followed<const D: usize>(problem: &Problem, one: &Hypothesis) -> O
         misfit += touched.misfit;
         measured += problem.numbers(&felt.contact);
     }
-    let (poses, body) = (one.poses.len(), one.body.freedom(problem.dimension));
-    let rest = one.cost
-        - touches.iter().map(|touched| touched.cost).sum::<f64>()
-        - price(problem, poses, body)
-        - 0.5 * one.body.oddity(problem.dimension, &one.ball).norm_squared();
-    // As many numbers say how the object moved as are sought for it.
-    let degrees = measured as f64 - body as f64;
+    let field = one.body.field(one.ball.1)?;
+    let centre = problem.middle(&one.poses);
+    let mut degrees = measured as f64 - one.body.freedom(problem.dimension) as f64;
+    for k in 1..one.poses.len() {
+        let felt = || {
+            let felt = problem.of(k).filter(|i| touches[*i].misfit < WILD).map(|i| {
+                let (felt, pose) = (&problem.felt[i].contact, &one.poses[k]);
+                let residual = field.residual(&felt.transformed(&pose.inverse()));
+                let rows =
+                    weighted(by_pose::<D>(&field, felt, pose, &residual), touches[i].weights);
+                rows.tr_mul(&rows)
+            });
+            felt.sum()
+        };
+        let (slipped, spent) = problem.told::<D>(k, &one.poses, &centre, felt);
+        misfit += 0.5 * slipped;
+        degrees -= spent;
+    }
     let inverse = linearise::<D>(problem, one)?.factor(0.0)?.inverse()?;
     let blocks = |all: &[SMatrix<f64, D, D>]| all.iter().map(six_by_six).collect();
     // Other models' costs begin at contacts that are as exact as they say.
-    let field = one.body.field(one.ball.1)?;
     let widening = |c: &Contact| problem.exact(&field.widened(c)[1]) - problem.exact(c);
     let widened: f64 = problem.felt.iter().map(|felt| widening(&felt.contact)).sum();
     Some(Followed {
         poses: one.poses.clone(),
         cost: one.cost + widened,
         wild: share_wild(&touches),
-        per_degree: 2.0 * (misfit + rest) / degrees.max(1.0),
+        per_degree: 2.0 * misfit / degrees.max(1.0),
         round: one.body.is_round(one.ball.1),
         rough: one.body.rough > ROUGH[0],
         superquadric: one.body.is_superquadric(),

@@ -5,7 +5,7 @@ use super::*;
 use crate::experiment::tracking::judge::{Judgement, Truth, judge};
 use crate::graph::joint::tangent::{Face, local};
 use crate::log::GraspLog;
-use crate::quantity::Deviation;
+use crate::quantity::{Deviation, Displacement};
 use crate::sim::{Options, Simulation, simulate};
 use crate::slam::track::Step;
 
@@ -167,6 +167,29 @@ fn squircle() -> String {
         format!("{}x{}", 0.05 * out * cos, 0.03 * out * sin)
     };
     format!("corners:{}", (0..64).map(corner).collect::<Vec<_>>().join(","))
+}
+
+#[test]
+fn motions_that_say_nothing_speak_neither_for_a_body_nor_against_it() {
+    let simulated = |seed: u64, carried: Option<Displacement>| {
+        let motion_noise = Deviation { length: 2.5e-3, angle: 0.0873 };
+        let options = Options::new("ellipse:0.1x0.06".parse().unwrap());
+        simulate(&Options { seed, motion_noise, carried, ..options }).unwrap().log
+    };
+    let seeds = 61..65;
+    let fit = |log: &GraspLog| near_truth(log).swap_remove(0).per_degree;
+    let mean =
+        |log: &dyn Fn(u64) -> GraspLog| seeds.clone().map(|s| fit(&log(s))).sum::<f64>() / 4.0;
+    let measured = mean(&|seed| simulated(seed, None));
+    let unmeasured = mean(&|seed| {
+        let mut log = simulated(seed, None);
+        log.grasps.iter_mut().for_each(|grasp| grasp.motion = None);
+        log
+    });
+    let carried = mean(&|seed| simulated(seed, Some(Displacement { length: 0.3, angle: 1.0 })));
+    for fit in [measured, unmeasured, carried] {
+        assert!((0.85..1.15).contains(&fit), "{measured} {unmeasured} {carried}");
+    }
 }
 
 #[test]
