@@ -54,7 +54,7 @@ impl Ellipsoid {
     /// ball. Afterwards the slope is made one exactly.
     ///
     /// Fewer than `dimension` + 1 contacts with normals, a saddle, or half axes outside
-    /// [[`Prior::LEAST_RADIUS`], 4 R] give none.
+    /// [min([`Prior::LEAST_RADIUS`], R/2), 4 R] give none.
     pub fn fitted(dimension: usize, contacts: &[Contact]) -> Option<Self> {
         let Some(Prior::Ball { centre, radius }) = Prior::fitted(contacts) else { return None };
         let felt = contacts.iter().filter(|c| c.normal.is_some()).count();
@@ -137,7 +137,7 @@ impl Ellipsoid {
         }
         let bends = square.symmetric_eigenvalues();
         let (flattest, sharpest) = (bends.min(), bends.max());
-        let least = (Prior::LEAST_RADIUS / radius).powi(2);
+        let least = (Prior::least_radius(radius) / radius).powi(2);
         let good = scale > 0.0
             && height > 0.0
             && flattest * Self::LONGEST.powi(2) > height

@@ -25,26 +25,45 @@ pub enum Prior {
 }
 
 impl Prior {
-    /// Least radius of [`Prior::about`], metres.
+    /// Least radius of a ball about contacts that do not say how large their object is, metres; and, up to half
+    /// of what they say, of a ball that fits them.
     pub const LEAST_RADIUS: f64 = 0.005;
 
+    /// Mean distance from their middle up to which points are one: metres, and deviations of contacts.
+    const ONE: (f64, f64) = (1e-6, 5.0);
+
     /// The ball about contact points: centred in their bounding box, its radius their mean distance
-    /// from that centre, at least [`Prior::LEAST_RADIUS`]. `None` without points.
+    /// from that centre; [`Prior::LEAST_RADIUS`] where all are one point. `None` without points.
     pub fn about(points: impl IntoIterator<Item = Point>) -> Option<Prior> {
+        let (centre, radius) = Self::around(points, Self::ONE.0)?;
+        Some(Prior::Ball { centre, radius })
+    }
+
+    /// The same where they are one up to a distance from their middle, and have the least radius at least.
+    fn around(points: impl IntoIterator<Item = Point>, one: f64) -> Option<(Point, f64)> {
         let points: Vec<Point> = points.into_iter().collect();
         let first = points.first()?;
         let low = points.iter().fold(*first, |low, p| low.inf(p));
         let high = points.iter().fold(*first, |high, p| high.sup(p));
         let centre = (low + high) / 2.0;
         let mean = points.iter().map(|p| (p - centre).norm()).sum::<f64>() / points.len() as f64;
-        Some(Prior::Ball { centre, radius: mean.max(Self::LEAST_RADIUS) })
+        Some((centre, if mean > one { mean } else { mean.max(Self::LEAST_RADIUS) }))
+    }
+
+    /// The least radius beside one that contacts say, so that small objects are as large ones are.
+    pub(super) fn least_radius(radius: f64) -> f64 {
+        Self::LEAST_RADIUS.min(0.5 * radius)
     }
 
     /// The ball that fits contacts best: in least squares pᵢ ≈ c + R·nᵢ over those with a normal,
     /// solved as a linear system. Where the normals spread too little to decide it (mean squared
-    /// distance from their mean below 0.2), or the radius comes out below
-    /// [`Prior::LEAST_RADIUS`], the ball [`about`](Prior::about) the points. `None` without contacts.
+    /// distance from their mean below 0.2), or the radius comes out below [`Prior::LEAST_RADIUS`] and half of
+    /// theirs, the ball [`about`](Prior::about) the points, which are one within five deviations of
+    /// the most exact. `None` without contacts.
     pub fn fitted(contacts: &[Contact]) -> Option<Prior> {
+        let exact = contacts.iter().map(|c| c.point_deviation).fold(f64::INFINITY, f64::min);
+        let one = Self::ONE.0.max(Self::ONE.1 * exact);
+        let (centre, radius) = Self::around(contacts.iter().map(|c| c.point), one)?;
         let felt: Vec<(Point, Point)> =
             contacts.iter().filter_map(|c| Some((c.point, c.normal?))).collect();
         // Unknowns (c, R); rows cₐ + R nₐ = pₐ for each axis a.
@@ -66,11 +85,11 @@ impl Prior {
             Some(x)
                 if felt.len() > 1
                     && spread > 0.2 * felt.len() as f64
-                    && x[3] > Self::LEAST_RADIUS =>
+                    && x[3] > Self::least_radius(radius) =>
             {
                 Some(Prior::Ball { centre: x.xyz(), radius: x[3] })
             }
-            _ => Prior::about(contacts.iter().map(|c| c.point)),
+            _ => Some(Prior::Ball { centre, radius }),
         }
     }
 

@@ -217,6 +217,53 @@ fn the_default_ball_stands_about_the_contacts() {
 }
 
 #[test]
+fn small_objects_have_the_balls_of_large_ones() {
+    let scaled = |contacts: &[Contact], by: f64| -> Vec<Contact> {
+        let scaled = |c: &Contact| Contact {
+            point: by * c.point,
+            point_deviation: by * c.point_deviation,
+            ..*c
+        };
+        contacts.iter().map(scaled).collect()
+    };
+    let ball = |contacts: &[Contact]| match Prior::fitted(contacts) {
+        Some(Prior::Ball { centre, radius }) => (centre, radius),
+        _ => panic!(),
+    };
+    // By their normals, and where these are too few to decide it.
+    let bare = |c: Contact| Contact { normal: None, ..c };
+    let felt = ellipsoid(3, 13, 5);
+    for contacts in [felt.clone(), felt.into_iter().map(bare).collect()] {
+        let (centre, radius) = ball(&contacts);
+        let whole = Ellipsoid::fitted(3, &contacts);
+        for by in [0.1, 0.01] {
+            let small = scaled(&contacts, by);
+            let (at, of) = ball(&small);
+            assert!((at - by * centre).norm() < 1e-9 * by && (of - by * radius).abs() < 1e-9 * by);
+            let axes = |found: &Option<Ellipsoid>| found.map(|e| Point::from(e.half_axes()));
+            if let Some(axes) = axes(&whole) {
+                let found = Ellipsoid::fitted(3, &small).unwrap();
+                assert!((Point::from(found.half_axes()) - by * axes).norm() < 1e-9 * by);
+            }
+        }
+    }
+    // The upper half of a ball, in contacts as exact as usual.
+    let touch = |i: i32| {
+        let (turn, up) = (2.4 * f64::from(i), f64::from(i) / 12.0);
+        let ring = (1.0 - up * up).sqrt();
+        let normal = Point::new(ring * turn.cos(), ring * turn.sin(), up);
+        let point = 4.9e-3 * normal;
+        Contact { point, normal: Some(normal), point_deviation: 1e-3, normal_deviation: 0.1 }
+    };
+    let half: Vec<Contact> = (0..12).map(touch).collect();
+    let (centre, radius) = ball(&half);
+    assert!(centre.norm() < 1e-12 && (radius - 4.9e-3).abs() < 1e-12, "{centre} {radius}");
+    // One place, felt again and again, does not say how large the object is.
+    let again = [0.0, 2e-4].map(|x| Contact { point: Point::new(x, 0.0, 0.0), ..half[0] });
+    assert_eq!(ball(&again).1, Prior::LEAST_RADIUS);
+}
+
+#[test]
 fn without_contacts_it_is_the_prior_with_its_doubt() {
     let body = Body::doubtful_ball(2, &ellipsoid(2, 8, 1)).unwrap();
     let p = Point::new(0.05, 0.02, 0.0);

@@ -14,8 +14,9 @@ use super::tangent::Face;
 /// few faces from drifting off.
 const UNKNOWN: [f64; 2] = [0.1, 1.0];
 
-/// Least range of a face's offset, metres.
+/// Least range of a face's offset, metres, where no two contacts of a grasp are so many deviations apart.
 const LEAST_EXTENT: f64 = 0.02;
+const APART: f64 = 20.0;
 
 /// A contact is astray that is so many times as far from the other contacts of its grasp as is usual: a thumb
 /// is up to three times.
@@ -175,7 +176,10 @@ impl Problem {
         for (felt, astray) in problem.felt.iter_mut().zip(astray) {
             felt.astray = astray;
         }
-        problem.extent = problem.reach().max(LEAST_EXTENT);
+        let exact = problem.felt.iter().map(|f| f.contact.point_deviation);
+        let reach = problem.reach();
+        let says_size = reach > APART * exact.fold(f64::INFINITY, f64::min);
+        problem.extent = if says_size { reach } else { reach.max(LEAST_EXTENT) };
         problem
     }
 
@@ -340,6 +344,7 @@ pub(super) fn either(first: f64, second: f64) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::quantity::Deviation;
     use crate::sim::{Options, Touch, simulate};
 
     #[test]
@@ -386,6 +391,18 @@ mod tests {
                 assert!(held(&far) < 1.1 * held(&clean), "{} {}", held(&far), held(&clean));
             }
         }
+    }
+
+    #[test]
+    fn small_objects_are_as_large_as_exact_contacts_say() {
+        let extent = |length: f64| {
+            let object = "box:0.005x0.005x0.005".parse().unwrap();
+            let options = Options { touch: Touch::Uniform, ..Options::new(object) };
+            let contact_noise = Deviation { length, angle: 0.09 };
+            Problem::new(&simulate(&Options { contact_noise, ..options }).unwrap().log).extent
+        };
+        assert!((0.004..0.009).contains(&extent(1e-4)), "{}", extent(1e-4));
+        assert_eq!(extent(1e-3), LEAST_EXTENT);
     }
 
     #[test]
