@@ -350,7 +350,8 @@ fn shape_of(
         let (kernel, experts) = fit_experts(dimension, contacts)?;
         experts.settle(progress);
         let (geometry, deviations) = extract(dimension, &experts, contacts)?;
-        return Ok(Shape { model: Model::Gp(kernel), geometry, deviations, mirrors: vec![] });
+        let shape = Shape { model: Model::Gp(kernel), geometry, deviations, mirrors: vec![] };
+        return Ok(shape.doubted(open_beside(dimension, contacts, free)));
     }
     let sift = if poses == Poses::Known { sift::trusted_at_known } else { sift::trusted };
     let trusted = only(contacts, &sift(dimension, contacts));

@@ -34,6 +34,28 @@ fn a_wild_contact_without_a_normal_makes_no_bump() {
 }
 
 #[test]
+fn many_contacts_leave_as_open_what_nobody_touched_as_few_do() {
+    let touch = |i: i32| {
+        let (sin, cos) = (f64::from(i) / 801.0 * std::f64::consts::PI).sin_cos();
+        let normal = Point::new(cos, sin, 0.0);
+        let point = 0.04 * normal;
+        Contact { point, normal: Some(normal), point_deviation: 1e-3, normal_deviation: 0.0873 }
+    };
+    let contacts: Vec<Contact> = (0..801).map(touch).collect();
+    // A finger that felt nothing just below the middle.
+    let free = [Free { point: Point::new(0.0, -0.01, 0.0), deviation: 1e-3 }];
+    assert!(!is_dense(2, &contacts));
+    let whole = shape(2, &contacts, &free, Poses::Estimated, Choice::Gp, &|_, _| {}).unwrap();
+    let (_, experts) = fit_experts(2, &contacts).unwrap();
+    let (_, own) = extract(2, &experts, &contacts).unwrap();
+    let doubt = open_beside(2, &contacts, &free).unwrap();
+    let expected = doubt.widened(&whole.geometry.vertices(), &own);
+    assert!(whole.deviations.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-12));
+    let farthest = |all: &[f64]| all.iter().copied().fold(0.0, f64::max);
+    assert!(farthest(&whole.deviations) > 1.05 * farthest(&own), "{}", farthest(&own));
+}
+
+#[test]
 fn free_points_in_more_doubt_than_contacts_say_nothing_of_faces() {
     let contacts = bare_ball(0.0);
     let free = |millimetres: f64| Free { point: Point::x(), deviation: 1e-3 * millimetres };
