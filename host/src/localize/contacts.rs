@@ -67,7 +67,8 @@ pub fn read(path: &Path, fixed: Fixed) -> Result<(GraspLog, Vec<Contact>), Conta
     Ok((log, contacts))
 }
 
-/// All contacts of a log where the object was at its **last** grasp, world frame.
+/// All contacts of a log where the object was at its **last** grasp, world frame: those of that grasp first,
+/// then those of the one before it, and so on.
 ///
 /// Contacts of earlier grasps are carried along by the motions that the log states, and the noise
 /// it states for these ([`MotionNoise::THESIS`] where it does not) widens their deviations: by nσ² after n
@@ -146,6 +147,8 @@ mod tests {
             grasp(2, Some(up), Point::new(0.3, 0.0, 0.0)),
         ]);
         let contacts = from_log(&log, Fixed::No).unwrap();
+        let order: Vec<f64> = contacts.iter().map(|c| c.point.norm()).collect();
+        assert!(order.is_sorted_by_key(|x| (x - 0.3).abs() > 1e-12), "{order:?}");
         let at = |x: f64| contacts.iter().find(|c| (c.point.norm() - x).abs() < 1e-12).unwrap();
         // The last stays, the one before is lifted, the first turned and lifted.
         assert_eq!(at(0.3).point_deviation, 0.002);

@@ -115,8 +115,11 @@ pub enum LocalizeError {
     #[error("expected at least {LEAST_CONTACTS} contacts, found {0}")]
     FewContacts(usize),
     /// A coordinate, normal or deviation cannot be used.
-    #[error("contact {0}: expected finite numbers and positive deviations")]
+    #[error("contact {0}: expected finite numbers, a normal of length one and positive deviations")]
     Contact(usize),
+    /// The search is to do nothing.
+    #[error("expected at least one {0} of the search, found none")]
+    Effort(&'static str),
     /// There is no surface to touch.
     #[error("the model's triangles have no area")]
     NoArea,
@@ -161,6 +164,8 @@ pub fn localize(
     contacts: &[Contact],
     settings: &Settings,
 ) -> Result<Localization, LocalizeError> {
+    at_least_one("round", settings.rounds)?;
+    at_least_one("optimum", settings.optima)?;
     let evidence = evidence(model, contacts)?;
     let (exact, grid) = surfaces(model)?;
     let mut proposals = Proposals::new(model, evidence.radius, settings.seed);
@@ -187,6 +192,7 @@ pub fn exhaustive(
     contacts: &[Contact],
     starts: usize,
 ) -> Result<Mode, LocalizeError> {
+    at_least_one("start", starts)?;
     let evidence = evidence(model, contacts)?;
     let (exact, grid) = surfaces(model)?;
     // Not the stream of any search.
@@ -203,6 +209,10 @@ pub fn exhaustive(
 pub fn nats(model: &Mesh, contacts: &[Contact], pose: &Pose) -> Result<f64, LocalizeError> {
     let exact = Exact::new(faces(model)).ok_or(LocalizeError::NoArea)?;
     Ok(evidence(model, contacts)?.nats(&exact, &pose.inverse(), 1.0))
+}
+
+fn at_least_one(what: &'static str, given: usize) -> Result<(), LocalizeError> {
+    if given == 0 { Err(LocalizeError::Effort(what)) } else { Ok(()) }
 }
 
 /// The surface twice: exact, and quick.

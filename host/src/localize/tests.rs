@@ -184,6 +184,7 @@ fn what_cannot_be_used_is_refused() {
         |c: &mut Contact| c.point.x = f64::NAN,
         |c: &mut Contact| c.point.z = f64::INFINITY,
         |c: &mut Contact| c.normal = Some(Point::zeros()),
+        |c: &mut Contact| c.normal = Some(1.1 * Point::x()),
         |c: &mut Contact| c.point_deviation = 0.0,
         |c: &mut Contact| c.normal_deviation = f64::NAN,
     ] {
@@ -191,6 +192,12 @@ fn what_cannot_be_used_is_refused() {
         spoil(&mut bad[5]);
         assert_eq!(localize(&mesh, &bad, &QUICK), Err(LocalizeError::Contact(5)));
     }
+    for (none, what) in
+        [(Settings { rounds: 0, ..QUICK }, "round"), (Settings { optima: 0, ..QUICK }, "optimum")]
+    {
+        assert_eq!(localize(&mesh, &good, &none), Err(LocalizeError::Effort(what)));
+    }
+    assert_eq!(exhaustive(&mesh, &good, 0), Err(LocalizeError::Effort("start")));
     let line = vec![Point::zeros(), Point::x(), 2.0 * Point::x()];
     for nothing in [Mesh::default(), Mesh::new(line, vec![[0, 1, 2]]).unwrap()] {
         assert_eq!(localize(&nothing, &good, &QUICK), Err(LocalizeError::NoArea));
