@@ -18,7 +18,8 @@ pub struct Slopes {
     pub amplitude: f64,
     /// By the logarithm of its lengthscale; `None` for the thin plate, whose range is fixed.
     pub lengthscale: Option<f64>,
-    /// By the logarithm of a common factor on all standard deviations of the contacts.
+    /// By the logarithm of a common factor on all standard deviations: of the contacts, and of readings where
+    /// there are some.
     pub noise: f64,
 }
 
@@ -91,7 +92,8 @@ pub struct Found {
     pub noise: f64,
     /// Log marginal likelihood of the contacts there, nats; the prior's share is not in it.
     pub log_likelihood: f64,
-    /// The same with the beliefs about the parameters, as densities of their logarithms.
+    /// The same with the beliefs about the parameters, as densities of their logarithms that sum to one but
+    /// for the bounds.
     pub log_posterior: f64,
 }
 
@@ -305,7 +307,9 @@ impl Hill<'_> {
                 value -= 0.5 * ((x - b.mode.ln()) / b.deviation).powi(2);
             }
         }
-        let widths = self.beliefs.iter().flatten().map(|b| b.deviation.ln());
+        // What it takes to make the beliefs densities.
+        let root = std::f64::consts::TAU.sqrt();
+        let widths = self.beliefs.iter().flatten().map(|b| (root * b.deviation).ln());
         let log_posterior = value - widths.sum::<f64>();
         Ok((value, gpis, Found { kernel, noise, log_likelihood, log_posterior }))
     }
@@ -441,6 +445,10 @@ mod tests {
             let found =
                 search.run(2, family, BALL, Training::Derivative, &contacts, RADIUS).unwrap();
             let top = posterior(&search, &found, &contacts, [0.0; 3]);
+            let beliefs = [Some(search.amplitude), Some(search.lengthscale), noise];
+            let peak = |b: &Belief| -(std::f64::consts::TAU.sqrt() * b.deviation).ln();
+            let densities = top + beliefs.iter().flatten().map(peak).sum::<f64>();
+            assert!((found.log_posterior - densities).abs() < 1e-6, "{found:?} {densities}");
             for i in 0..if noise.is_some() { 3 } else { 2 } {
                 for step in [-0.5, -0.1, 0.1, 0.5] {
                     let mut logs = [0.0; 3];
