@@ -15,7 +15,8 @@ pub enum Method {
     #[default]
     GaussNewton,
     /// Gauss–Newton with the diagonal enlarged as long as steps disappoint (Marquardt 1963, damping
-    /// after Nielsen 1999). For bad starts and for graphs that leave something undetermined.
+    /// after Nielsen 1999). For bad starts, and for graphs that leave something undetermined which involves
+    /// several numbers of poses: a single one that nothing measures, with a zero on the diagonal, stays so.
     LevenbergMarquardt,
     /// Between Gauss–Newton and steepest descent, within a radius of trust (Powell 1970).
     Dogleg,

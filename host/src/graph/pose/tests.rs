@@ -385,6 +385,21 @@ fn semidefinite_information_is_no_error_where_the_rest_determines_the_pose() {
 }
 
 #[test]
+fn damping_helps_where_poses_go_together_and_not_where_nothing_is_measured() {
+    let lost = |information: SMatrix<f64, 3, 3>| {
+        let (mut graph, _) = walk::<Se2, 3>(2, 0, 0.05, 0.05, 9);
+        graph.edges[0].information = information;
+        let method = Method::LevenbergMarquardt;
+        optimize(&mut graph, &Options { method, ..Options::default() })
+    };
+    // How far along one diagonal, and nothing along the other.
+    let together = SMatrix::from([[1e2, 1e2, 0.0], [1e2, 1e2, 0.0], [0.0, 0.0, 1e2]]);
+    assert!(lost(together).unwrap().final_chi2 < 1e-6);
+    let nothing = SMatrix::from_diagonal(&[1e2, 1e2, 0.0].into());
+    assert!(matches!(lost(nothing), Err(Error::Unconstrained { .. })));
+}
+
+#[test]
 fn long_chains_take_no_recursion_and_little_time() {
     let (mut graph, _) = walk::<Se2, 3>(20_000, 0, 0.01, 0.01, 6);
     let summary = optimize(&mut graph, &Options::default()).unwrap();
