@@ -43,10 +43,11 @@ pub struct Contour {
 }
 
 /// The whole zero set of `field` within the box `bounds` (corners, metres; z is ignored) on a
-/// lattice `spacing` metres apart. Vertices are on the field to 0.1 µm where it is continuous,
-/// with one on each corner of more than 26° that lies between two crossings of the lattice; an object
-/// that reaches the edge of the box is closed along it. Features thinner than `spacing` can be
-/// missed; every component is kept, see [`Contour::touched`].
+/// lattice `spacing` metres apart. Vertices are on the field to 0.1 µm where it is continuous, or to
+/// 1 µm where so many steps do not take them nearer, with one on each corner of more than 26° that lies
+/// between two crossings of the lattice, to 1 µm or 10⁻⁴ of the spacing, whichever is more. An object that
+/// reaches the edge of the box is closed along it, by vertices that are not on the field. Features
+/// thinner than `spacing` can be missed; every component is kept, see [`Contour::touched`].
 pub fn extract(
     field: &dyn Field,
     bounds: (Point, Point),
