@@ -53,12 +53,12 @@ impl Ellipsoid {
     /// that the mean slope along the normals be one; a ridge draws what they leave open to the
     /// ball. Afterwards the slope is made one exactly.
     ///
-    /// Fewer than `dimension` + 1 contacts with normals, a saddle, or half axes outside
+    /// Contacts that are one place, fewer than `dimension` + 1 with normals, a saddle, or half axes outside
     /// [min([`Prior::LEAST_RADIUS`], R/2), 4 R] give none.
     pub fn fitted(dimension: usize, contacts: &[Contact]) -> Option<Self> {
         let Some(Prior::Ball { centre, radius }) = Prior::fitted(contacts) else { return None };
         let felt = contacts.iter().filter(|c| c.normal.is_some()).count();
-        if !(2..=3).contains(&dimension) || felt <= dimension {
+        if !(2..=3).contains(&dimension) || felt <= dimension || Prior::are_one(contacts) {
             return None;
         }
         // Unknowns: E = M − I (its pairs i ≤ j), β, δ − 1.

@@ -25,8 +25,8 @@ pub enum Prior {
 }
 
 impl Prior {
-    /// Least radius of a ball about contacts that do not say how large their object is, metres; and, up to half
-    /// of what they say, of a ball that fits them.
+    /// Least radius of a ball about contacts that do not say how large their object is, metres; and, up to
+    /// half of what they say, of a ball that fits them.
     pub const LEAST_RADIUS: f64 = 0.005;
 
     /// Mean distance from their middle up to which points are one: metres, and deviations of contacts.
@@ -35,19 +35,24 @@ impl Prior {
     /// The ball about contact points: centred in their bounding box, its radius their mean distance
     /// from that centre; [`Prior::LEAST_RADIUS`] where all are one point. `None` without points.
     pub fn about(points: impl IntoIterator<Item = Point>) -> Option<Prior> {
-        let (centre, radius) = Self::around(points, Self::ONE.0)?;
-        Some(Prior::Ball { centre, radius })
+        let (centre, mean) = middle(points)?;
+        Some(Prior::Ball { centre, radius: Self::sized(mean, Self::ONE.0) })
     }
 
-    /// The same where they are one up to a distance from their middle, and have the least radius at least.
-    fn around(points: impl IntoIterator<Item = Point>, one: f64) -> Option<(Point, f64)> {
-        let points: Vec<Point> = points.into_iter().collect();
-        let first = points.first()?;
-        let low = points.iter().fold(*first, |low, p| low.inf(p));
-        let high = points.iter().fold(*first, |high, p| high.sup(p));
-        let centre = (low + high) / 2.0;
-        let mean = points.iter().map(|p| (p - centre).norm()).sum::<f64>() / points.len() as f64;
-        Some((centre, if mean > one { mean } else { mean.max(Self::LEAST_RADIUS) }))
+    /// Radius of the ball about points at that mean distance from their middle, which are `one` up to there.
+    fn sized(mean: f64, one: f64) -> f64 {
+        if mean > one { mean } else { mean.max(Self::LEAST_RADIUS) }
+    }
+
+    /// Mean distance up to which contacts are one.
+    fn one(contacts: &[Contact]) -> f64 {
+        let exact = contacts.iter().map(|c| c.point_deviation).fold(f64::INFINITY, f64::min);
+        Self::ONE.0.max(Self::ONE.1 * exact)
+    }
+
+    /// Whether contacts are so near to each other that they do not say how large their object is.
+    pub(super) fn are_one(contacts: &[Contact]) -> bool {
+        middle(contacts.iter().map(|c| c.point)).is_none_or(|(_, mean)| mean <= Self::one(contacts))
     }
 
     /// The least radius beside one that contacts say, so that small objects are as large ones are.
@@ -61,9 +66,8 @@ impl Prior {
     /// theirs, the ball [`about`](Prior::about) the points, which are one within five deviations of
     /// the most exact. `None` without contacts.
     pub fn fitted(contacts: &[Contact]) -> Option<Prior> {
-        let exact = contacts.iter().map(|c| c.point_deviation).fold(f64::INFINITY, f64::min);
-        let one = Self::ONE.0.max(Self::ONE.1 * exact);
-        let (centre, radius) = Self::around(contacts.iter().map(|c| c.point), one)?;
+        let (centre, mean) = middle(contacts.iter().map(|c| c.point))?;
+        let radius = Self::sized(mean, Self::one(contacts));
         let felt: Vec<(Point, Point)> =
             contacts.iter().filter_map(|c| Some((c.point, c.normal?))).collect();
         // Unknowns (c, R); rows cₐ + R nₐ = pₐ for each axis a.
@@ -78,8 +82,8 @@ impl Prior {
                 right += row * point[axis];
             }
         }
-        let mean = felt.iter().map(|f| f.1).sum::<Point>() / felt.len().max(1) as f64;
-        let spread = felt.iter().map(|f| (f.1 - mean).norm_squared()).sum::<f64>();
+        let usual = felt.iter().map(|f| f.1).sum::<Point>() / felt.len().max(1) as f64;
+        let spread = felt.iter().map(|f| (f.1 - usual).norm_squared()).sum::<f64>();
         let solution = normal_matrix.lu().solve(&right);
         match solution {
             Some(x)
@@ -148,4 +152,15 @@ impl Prior {
             Prior::Ellipsoid(ellipsoid) => ellipsoid.gradient(p),
         }
     }
+}
+
+/// Middle of the bounding box of points, and their mean distance from it.
+fn middle(points: impl IntoIterator<Item = Point>) -> Option<(Point, f64)> {
+    let points: Vec<Point> = points.into_iter().collect();
+    let first = points.first()?;
+    let low = points.iter().fold(*first, |low, p| low.inf(p));
+    let high = points.iter().fold(*first, |high, p| high.sup(p));
+    let centre = (low + high) / 2.0;
+    let mean = points.iter().map(|p| (p - centre).norm()).sum::<f64>() / points.len() as f64;
+    Some((centre, mean))
 }

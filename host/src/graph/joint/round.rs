@@ -92,8 +92,8 @@ pub struct Followed {
     pub cost: f64,
     /// Share of the contacts that no part of the body explains.
     pub wild: f64,
-    /// χ² of all other contacts and of the motions that were measured, per degree of freedom: about 1 for such
-    /// a body.
+    /// χ² of all other contacts and of the motions that were measured, per degree of freedom: about 1 for
+    /// such a body.
     pub per_degree: f64,
     /// Whether its sides are: two parallel faces are a quadric too.
     pub round: bool,

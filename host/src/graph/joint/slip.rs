@@ -41,8 +41,8 @@ impl Problem {
     }
 
     /// χ² of the motion before a grasp between the `poses`, robustly, and how many numbers of the contacts go
-    /// into the pose after it, of which they say as much as is `felt`. A measured motion is as many numbers as
-    /// a pose has; one that nobody measured, or of an object that was rather carried away, says nothing, so
+    /// into the pose after it, of which they say as much as is `felt`. A measured motion is as many numbers
+    /// as a pose has; one that nobody measured, or of an object that was rather carried away, says nothing, so
     /// that contacts have to.
     pub(super) fn told<const D: usize>(
         &self,
