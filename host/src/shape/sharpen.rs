@@ -18,16 +18,16 @@ const FLAT: f64 = 0.01;
 const BENT: f64 = 0.98;
 
 /// Moves vertices onto the corners and edges of the surface and turns diagonals that this leaves without
-/// area. Triangles come in pairs, each a quadrilateral of the nets; `free` are the vertices on the field
-/// and its gradients beside them.
+/// area. Triangles come in pairs, each a quadrilateral of the nets; `normals` are those of the field beside the
+/// vertices, not a number where there is none, so that no edge is beside these.
 pub(super) fn sharpen(
     field: &dyn Field,
     spacing: f64,
-    free: (&[usize], &[Point]),
+    normals: &[Point],
     vertices: &mut [Point],
     triangles: &mut [[u32; 3]],
 ) {
-    let neighbours = beside_edges(free, vertices.len(), triangles);
+    let neighbours = beside_edges(normals, triangles);
     if neighbours.is_empty() {
         return;
     }
@@ -44,14 +44,7 @@ pub(super) fn sharpen(
 
 /// Vertices on both sides of edges, and their neighbours, each with its own neighbours: all others of the
 /// quadrilaterals that it is a corner of, since an edge may run along either diagonal.
-fn beside_edges(
-    (free, gradients): (&[usize], &[Point]),
-    count: usize,
-    triangles: &[[u32; 3]],
-) -> BTreeMap<usize, BTreeSet<usize>> {
-    // Not a number where there is none, so that no edge is beside it.
-    let mut normals = vec![Point::repeat(f64::NAN); count];
-    free.iter().zip(gradients).for_each(|(v, own)| normals[*v] = own.normalize());
+fn beside_edges(normals: &[Point], triangles: &[[u32; 3]]) -> BTreeMap<usize, BTreeSet<usize>> {
     let corners = |pair: &[[u32; 3]]| {
         let [a, b, c] = pair[0].map(|v| v as usize);
         let across = pair[1].iter().find(|v| !pair[0].contains(v));
@@ -63,7 +56,7 @@ fn beside_edges(
         let is_near_first = |v: &usize| normals[*a].dot(&normals[*v]) > BENT;
         ![b, c, d].into_iter().all(is_near_first)
     };
-    let mut is_beside = vec![false; count];
+    let mut is_beside = vec![false; normals.len()];
     let bent = quadrilaterals().filter(is_bent).flat_map(sides);
     for side in bent.filter(|[a, b]| is_edge(&normals[*a], &normals[*b])) {
         side.iter().for_each(|v| is_beside[*v] = true);

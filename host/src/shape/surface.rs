@@ -8,19 +8,18 @@ use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 
 use super::contour::components_touched;
 use super::lattice::{Lattice, LatticeError, Samples, deviations_at};
+use super::mend::mend;
 use super::settle::settle;
 use super::sharpen::sharpen;
+use super::sheets::separate;
 use super::{Field, Mesh};
 use crate::space::Point;
-
-/// Edges shorter than this, in spacings, are collapsed.
-const SHORTEST: f64 = 1e-3;
 
 /// The zero set of a spatial field.
 #[derive(Clone, Debug)]
 pub struct Surface {
-    /// Closed: every edge is run through once in each direction (an edge where two sheets meet,
-    /// more often). Counter-clockwise seen from outside.
+    /// Watertight: where sheets meet in an edge or a vertex, each has vertices of its own there.
+    /// Counter-clockwise seen from outside.
     pub mesh: Mesh,
     /// Standard deviation along the normal at each vertex, metres, as the field gives it.
     pub deviations: Vec<f64>,
@@ -75,12 +74,40 @@ fn polygonise(field: &dyn Field, lattice: &Lattice, samples: Samples) -> (Mesh, 
         })
         .collect();
     let gradients = settle(field, spacing, &free, &mut vertices);
+    let mut normals = vec![Point::repeat(f64::NAN); vertices.len()];
+    free.iter().zip(gradients).for_each(|(v, own)| normals[*v] = own.normalize());
 
     let mut triangles: Vec<[u32; 3]> =
         nets.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
-    sharpen(field, spacing, (&free, &gradients), &mut vertices, &mut triangles);
-    let (vertices, triangles) = collapse(vertices, triangles, SHORTEST * spacing);
+    sharpen(field, spacing, &normals, &mut vertices, &mut triangles);
+    let ends: Vec<[usize; 2]> =
+        triangles.chunks_exact(2).map(|pair| ends(lattice, &nets, &scaled, pair)).collect();
+    // The sign of the bilinear field at its saddle.
+    let product = |[a, b]: [usize; 2]| scaled[a] * scaled[b];
+    let is_joined = |within: [usize; 2], without: [usize; 2]| product(within) > product(without);
+    let names = separate(&mut triangles, &ends, is_joined);
+    let between = |all: &[Point]| -> Vec<Point> {
+        names.iter().map(|[a, b]| (all[*a as usize] + all[*b as usize]) / 2.0).collect()
+    };
+    let (vertices, triangles) = mend(spacing, between(&vertices), between(&normals), triangles);
     (Mesh::trusted(vertices, triangles), samples.clipped)
+}
+
+/// The nodes that a quadrilateral of the nets lies between, first that in the object.
+fn ends(
+    lattice: &Lattice,
+    nets: &SurfaceNetsBuffer,
+    values: &[f32],
+    pair: &[[u32; 3]],
+) -> [usize; 2] {
+    let cells = || pair.iter().flatten().map(|v| nets.surface_points[*v as usize]);
+    let last = cells().fold([0; 3], |last, cell| [0, 1, 2].map(|a| cell[a].max(last[a])));
+    let mut ends = [last.map(|i| i as usize); 2];
+    // Its four cells lie around this axis.
+    let along = (0..3).filter(|axis| cells().all(|cell| cell[*axis] == last[*axis]));
+    along.for_each(|axis| ends[1][axis] += 1);
+    let [a, b] = ends.map(|node| lattice.index(node));
+    if values[a] < 0.0 { [a, b] } else { [b, a] }
 }
 
 impl Surface {
@@ -119,9 +146,13 @@ impl Surface {
         self.touched(&[])
     }
 
-    /// The connected component of each vertex, and how many there are.
+    /// The connected component of each vertex, and how many there are. Sheets that meet are connected.
     fn components(&self) -> (Vec<usize>, usize) {
         let mut groups = Groups::new(self.mesh.vertices().len());
+        let mut first = HashMap::new();
+        for (v, place) in (0..).zip(self.mesh.vertices()) {
+            groups.join(v, *first.entry(place.map(f64::to_bits)).or_insert(v));
+        }
         for t in self.mesh.triangles() {
             groups.join(t[0], t[1]);
             groups.join(t[0], t[2]);
@@ -137,74 +168,15 @@ impl Surface {
     }
 }
 
-/// Merges the ends of edges shorter than `shortest` and removes what degenerates: triangles with
-/// two equal corners, pairs of triangles back to back, vertices without triangles. A closed mesh
-/// stays closed.
-fn collapse(
-    vertices: Vec<Point>,
-    triangles: Vec<[u32; 3]>,
-    shortest: f64,
-) -> (Vec<Point>, Vec<[u32; 3]>) {
-    let mut groups = Groups::new(vertices.len());
-    for t in &triangles {
-        for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
-            if (vertices[a as usize] - vertices[b as usize]).norm() < shortest {
-                groups.join(a, b);
-            }
-        }
-    }
-    let mut kept: Vec<[u32; 3]> = triangles
-        .into_iter()
-        .map(|t| t.map(|v| groups.root(v)))
-        .filter(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0])
-        .collect();
-    // Triangles with the same corners side by side, those that run up through them first.
-    let mut sides: Vec<([u32; 3], bool, usize)> = kept
-        .iter()
-        .enumerate()
-        .map(|(i, t)| {
-            let mut corners = *t;
-            corners.sort_unstable();
-            let turns = [[t[0], t[1], t[2]], [t[1], t[2], t[0]], [t[2], t[0], t[1]]];
-            (corners, !turns.contains(&corners), i)
-        })
-        .collect();
-    sides.sort_unstable();
-    let mut gone = vec![false; kept.len()];
-    for faces in sides.chunk_by(|a, b| a.0 == b.0).filter(|f| f.len() > 1) {
-        let (even, odd) = faces.split_at(faces.partition_point(|f| !f.1));
-        for (a, b) in even.iter().zip(odd) {
-            gone[a.2] = true;
-            gone[b.2] = true;
-        }
-    }
-    let mut index = 0;
-    kept.retain(|_| {
-        index += 1;
-        !gone[index - 1]
-    });
-    let mut renamed = vec![u32::MAX; vertices.len()];
-    let mut left = Vec::new();
-    for v in kept.iter_mut().flatten() {
-        let name = &mut renamed[*v as usize];
-        if *name == u32::MAX {
-            *name = left.len() as u32;
-            left.push(vertices[*v as usize]);
-        }
-        *v = *name;
-    }
-    (left, kept)
-}
-
 /// Disjoint sets of vertices.
-struct Groups(Vec<u32>);
+pub(super) struct Groups(Vec<u32>);
 
 impl Groups {
-    fn new(count: usize) -> Self {
+    pub(super) fn new(count: usize) -> Self {
         Self((0..count as u32).collect())
     }
 
-    fn root(&mut self, mut v: u32) -> u32 {
+    pub(super) fn root(&mut self, mut v: u32) -> u32 {
         while self.0[v as usize] != v {
             let above = self.0[self.0[v as usize] as usize];
             self.0[v as usize] = above;
@@ -213,7 +185,7 @@ impl Groups {
         v
     }
 
-    fn join(&mut self, a: u32, b: u32) {
+    pub(super) fn join(&mut self, a: u32, b: u32) {
         let (a, b) = (self.root(a), self.root(b));
         self.0[a.max(b) as usize] = a.min(b);
     }

@@ -1,0 +1,113 @@
+//! Sheets of a surface that meet in an edge or a vertex of its nets, taken apart.
+//!
+//! Nets have one vertex in a cell, however many sheets of the surface cross it, and four triangles at the edge
+//! between two cells where of the nodes of their common side one and that across from it lie in the object.
+//! Each sheet gets vertices of its own there, as in dual marching cubes (Nielson, IEEE Visualization 2004).
+
+use std::iter::once;
+
+use super::surface::Groups;
+
+/// A side of a triangle: its ends, the lesser first, the triangle, and where it starts there.
+type Side = ([u32; 2], usize, usize);
+
+/// Names the corners of triangles anew, so that every edge has two triangles and those at a vertex are one fan.
+/// Gives, of each new name, the old one of the same place, or two old ones that it is halfway between.
+///
+/// Triangles come in pairs, each a quadrilateral of the nets; `ends` are the nodes, in the object and not, that
+/// it lies between. Of two nodes in it and two that are not, around a square, `is_joined` tells whether it is
+/// the object that goes through between the others.
+pub(super) fn separate(
+    triangles: &mut Vec<[u32; 3]>,
+    ends: &[[usize; 2]],
+    is_joined: impl Fn([usize; 2], [usize; 2]) -> bool,
+) -> Vec<[u32; 2]> {
+    let mut sides: Vec<Side> = Vec::with_capacity(3 * triangles.len());
+    for (t, [a, b, c]) in triangles.iter().enumerate() {
+        let ends = [[a, b], [b, c], [c, a]].map(|[a, b]| [*a.min(b), *a.max(b)]);
+        sides.extend((0..3).map(|i| (ends[i], t, i)));
+    }
+    sides.sort_unstable();
+    // Each corner is a vertex of its own until a side joins it to that of another triangle.
+    let mut corners = Groups::new(3 * triangles.len());
+    let corner = |t: usize, i: usize| (3 * t + i % 3) as u32;
+    let mut join = |one: &Side, two: &Side| {
+        corners.join(corner(one.1, one.2), corner(two.1, two.2 + 1));
+        corners.join(corner(one.1, one.2 + 1), corner(two.1, two.2));
+    };
+    let mut met = Vec::new();
+    for meeting in sides.chunk_by(|a, b| a.0 == b.0) {
+        if let [one, two] = meeting {
+            join(one, two);
+        } else if let Some(pairs) = paired(meeting, ends, &is_joined) {
+            pairs.iter().for_each(|[one, two]| join(one, two));
+            met.push(pairs);
+        }
+    }
+    let mut names = vec![u32::MAX; 3 * triangles.len()];
+    let mut old: Vec<[u32; 2]> = Vec::new();
+    for (t, triangle) in triangles.iter_mut().enumerate() {
+        for (i, v) in triangle.iter_mut().enumerate() {
+            let name = &mut names[corners.root(corner(t, i)) as usize];
+            if *name == u32::MAX {
+                *name = old.len() as u32;
+                old.push([*v; 2]);
+            }
+            *v = *name;
+        }
+    }
+    halve(triangles, &met, &mut old);
+    old
+}
+
+/// Which of four sides with the same ends belong to one sheet.
+fn paired(
+    meeting: &[Side],
+    ends: &[[usize; 2]],
+    is_joined: impl Fn([usize; 2], [usize; 2]) -> bool,
+) -> Option<[[Side; 2]; 2]> {
+    let end = |side: &Side, which: usize| ends[side.1 / 2][which];
+    let [first, others @ ..] = meeting else { return None };
+    let across = |which: usize| {
+        let other = others.iter().map(|side| end(side, which)).find(|n| *n != end(first, which));
+        Some([end(first, which), other?])
+    };
+    // Each sheet goes around one of the nodes that are not joined.
+    let which = usize::from(is_joined(across(0)?, across(1)?));
+    let (own, other): (Vec<Side>, Vec<Side>) =
+        meeting.iter().partition(|side| end(side, which) == end(first, which));
+    Some([own.try_into().ok()?, other.try_into().ok()?])
+}
+
+/// Where sheets that met at a side still have both its ends in common, one of them gets a vertex halfway.
+fn halve(triangles: &mut Vec<[u32; 3]>, met: &[[[Side; 2]; 2]], old: &mut Vec<[u32; 2]>) {
+    let whole = triangles.clone();
+    let from_to = |side: &Side| [0, 1].map(|i| whole[side.1][(side.2 + i) % 3]);
+    // Of each triangle that is added the one that it was a part of.
+    let mut parents = Vec::new();
+    for [one, two] in met {
+        let [mut ours, mut theirs] = [one, two].map(|pair| from_to(&pair[0]));
+        ours.sort_unstable();
+        theirs.sort_unstable();
+        if ours != theirs {
+            continue;
+        }
+        let middle = old.len() as u32;
+        old.push(two[0].0);
+        for side in two {
+            let [from, to] = from_to(side);
+            let parts = (whole.len()..).zip(&parents).filter(|part| *part.1 == side.1);
+            let mut parts = once(side.1).chain(parts.map(|part| part.0));
+            let start = |part: usize| {
+                let corners = triangles[part];
+                let is_start = |i: &usize| corners[*i] == from && corners[(i + 1) % 3] == to;
+                Some((part, (0..3).find(is_start)?))
+            };
+            let Some((part, i)) = parts.find_map(start) else { continue };
+            let third = triangles[part][(i + 2) % 3];
+            triangles[part][(i + 1) % 3] = middle;
+            triangles.push([middle, to, third]);
+            parents.push(side.1);
+        }
+    }
+}
