@@ -23,7 +23,7 @@ const FOLD: f64 = 0.1;
 const LEAST: f64 = 1e-9;
 
 /// How far the surface may move when it is unfolded, in spacings.
-const MOST_OFF: f64 = 0.1;
+const MOST_OFF: [f64; 2] = [0.1, 0.5];
 
 /// How long edges may get by it, likewise.
 const LONGEST: f64 = 3.0;
@@ -42,7 +42,9 @@ pub(super) fn mend(
     }
     let mut net = Net { spacing, vertices, normals, triangles, fans };
     // What was in the way of the one the other may have taken away.
-    while net.shorten() | net.unfold() {}
+    for most_off in MOST_OFF {
+        while net.shorten() | net.unfold(most_off * spacing) {}
+    }
     net.left()
 }
 
@@ -76,6 +78,10 @@ impl Net {
 
     fn length(&self, [a, b]: [u32; 2]) -> f64 {
         (self.vertices[a as usize] - self.vertices[b as usize]).norm()
+    }
+
+    fn is_short(&self, ends: [u32; 2]) -> bool {
+        self.length(ends) < SHORTEST * self.spacing
     }
 
     /// The triangles at a vertex, each with its other corners in order.
@@ -116,6 +122,12 @@ impl Net {
         ends.iter().all(|v| self.fans[*v as usize].len() == 3)
     }
 
+    /// Whether a vertex has but three triangles, one of them at an edge.
+    fn is_fin(&self, vertex: u32, [a, b]: [u32; 2]) -> bool {
+        let is_at = |(_, others): (u32, [u32; 2])| others == [a, b] || others == [b, a];
+        self.fans[vertex as usize].len() == 3 && self.fan(vertex).any(is_at)
+    }
+
     /// The edge from `a` to `b` in the place of which one runs between the corners across it.
     fn flip(&self, [a, b]: [u32; 2]) -> Option<Change> {
         let (left, c) = self.beside([a, b])?;
@@ -150,8 +162,7 @@ impl Net {
     /// have one vanish.
     fn shorten(&mut self) -> bool {
         for round in 0.. {
-            let is_short = |ends: &[u32; 2]| self.length(*ends) < SHORTEST * self.spacing;
-            let short: Vec<[u32; 2]> = self.edges().filter(is_short).collect();
+            let short: Vec<[u32; 2]> = self.edges().filter(|ends| self.is_short(*ends)).collect();
             let mut is_done = true;
             for [a, b] in short {
                 // Another one may have taken it along.
@@ -166,7 +177,12 @@ impl Net {
                     let moved = |[gone, kept]: [u32; 2]| {
                         self.contraction([gone, kept]).filter(|change| !self.turns(change, gone))
                     };
-                    moved([b, a]).or_else(|| moved([a, b]))
+                    // Else perhaps what stands out between two triangles back to back.
+                    let fin = || {
+                        let ring = self.fan(b).map(|f| f.1[0]).find(|v| self.is_fin(*v, [a, b]))?;
+                        self.contraction([ring, a])
+                    };
+                    moved([b, a]).or_else(|| moved([a, b])).or_else(fin)
                 };
                 if let Some(change) = change {
                     self.apply(&change);
@@ -189,7 +205,7 @@ impl Net {
     }
 
     /// Contracts and flips edges of folds while that makes the surface smaller and leaves it where it is.
-    fn unfold(&mut self) -> bool {
+    fn unfold(&mut self, most_off: f64) -> bool {
         let units: Vec<Point> = self.triangles.iter().map(|t| unit(&self.area(t))).collect();
         let may_be_folded = |[a, b]: &[u32; 2]| {
             let [left, right] = [[*a, *b], [*b, *a]].map(|side| self.beside(side));
@@ -203,7 +219,8 @@ impl Net {
             let [left, right] = [[a, b], [b, a]].map(|side| self.beside(side));
             let Some(((_, c), (_, d))) = left.zip(right) else { continue };
             if self.is_folded(&[a, b, c], d)
-                && let Some(change) = self.unfolding([[a, b], [b, c], [c, a], [a, d], [d, b]])
+                && let Some(change) =
+                    self.unfolding(most_off, [[a, b], [b, c], [c, a], [a, d], [d, b]])
             {
                 self.apply(&change);
                 edges.extend(change.new.iter().flat_map(sides).map(|[a, b, _]| [a, b]));
@@ -215,7 +232,7 @@ impl Net {
 
     /// Of the changes to these edges that help the one that moves the surface least; of those that do not move
     /// it the one that helps most.
-    fn unfolding(&self, edges: [[u32; 2]; 5]) -> Option<Change> {
+    fn unfolding(&self, most_off: f64, edges: [[u32; 2]; 5]) -> Option<Change> {
         let square = self.spacing.powi(2);
         let changes = edges.into_iter().flat_map(|[a, b]| {
             [self.flip([a, b]), self.contraction([a, b]), self.contraction([b, a])]
@@ -223,17 +240,24 @@ impl Net {
         let found = changes.flatten().filter_map(|change| {
             let old = self.triangles_of(&change.gone);
             let [now, then] = [&old, &change.new].map(|t| self.cost(t, &change.gone));
-            let [was, least] = [&old, &change.new]
-                .map(|all| all.iter().map(|t| self.area(t).norm()).fold(LEAST * square, f64::min));
             let mut sides = change.new.iter().flat_map(sides);
             let is_good = then < now - LEAST * square
-                && least >= was
+                && self.flat(&change.new) <= self.flat(&old)
                 && sides.all(|[a, b, _]| self.length([a, b]) < LONGEST * self.spacing);
-            let off = if is_good { self.off(&change)? } else { return None };
+            let off = if is_good { self.off(&change, most_off)? } else { return None };
             Some((off.max(ON_SURFACE * self.spacing), then - now, change))
         });
         let best = found.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
         best.map(|(_, _, change)| change)
+    }
+
+    /// How many triangles have no area, other than those with a short side, which will vanish.
+    fn flat(&self, triangles: &[[u32; 3]]) -> usize {
+        let is_flat = |t: &&[u32; 3]| {
+            self.area(t).norm() < LEAST * self.spacing.powi(2)
+                && sides(t).iter().all(|[a, b, _]| !self.is_short([*a, *b]))
+        };
+        triangles.iter().filter(is_flat).count()
     }
 
     /// Whether the triangle and that over its first side, of which `d` is a corner, lie on one another.
@@ -262,7 +286,7 @@ impl Net {
 
     /// How far the surface moves by a change, metres, unless that is too far: corners and the middles of
     /// sides, from the old to the new and back.
-    fn off(&self, change: &Change) -> Option<f64> {
+    fn off(&self, change: &Change, most: f64) -> Option<f64> {
         let old = self.triangles_of(&change.gone);
         let mut beside: Vec<u32> =
             old.iter().flatten().flat_map(|v| &self.fans[*v as usize]).copied().collect();
@@ -288,7 +312,7 @@ impl Net {
                     }
                 }
                 worst = off.max(worst);
-                if worst > MOST_OFF * self.spacing {
+                if worst > most {
                     return None;
                 }
             }

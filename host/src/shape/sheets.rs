@@ -14,14 +14,9 @@ type Side = ([u32; 2], usize, usize);
 /// Names the corners of triangles anew, so that every edge has two triangles and those at a vertex are one fan.
 /// Gives, of each new name, the old one of the same place, or two old ones that it is halfway between.
 ///
-/// Triangles come in pairs, each a quadrilateral of the nets; `ends` are the nodes, in the object and not, that
-/// it lies between. Of two nodes in it and two that are not, around a square, `is_joined` tells whether it is
-/// the object that goes through between the others.
-pub(super) fn separate(
-    triangles: &mut Vec<[u32; 3]>,
-    ends: &[[usize; 2]],
-    is_joined: impl Fn([usize; 2], [usize; 2]) -> bool,
-) -> Vec<[u32; 2]> {
+/// Triangles come in pairs, each a quadrilateral of the nets, of which `outside` has the node of the lattice on
+/// the outside. The object hangs together at an edge, the outside does not: each sheet goes around one node.
+pub(super) fn separate(triangles: &mut Vec<[u32; 3]>, outside: &[usize]) -> Vec<[u32; 2]> {
     let mut sides: Vec<Side> = Vec::with_capacity(3 * triangles.len());
     for (t, [a, b, c]) in triangles.iter().enumerate() {
         let ends = [[a, b], [b, c], [c, a]].map(|[a, b]| [*a.min(b), *a.max(b)]);
@@ -39,7 +34,7 @@ pub(super) fn separate(
     for meeting in sides.chunk_by(|a, b| a.0 == b.0) {
         if let [one, two] = meeting {
             join(one, two);
-        } else if let Some(pairs) = paired(meeting, ends, &is_joined) {
+        } else if let Some(pairs) = paired(meeting, outside) {
             pairs.iter().for_each(|[one, two]| join(one, two));
             met.push(pairs);
         }
@@ -61,21 +56,11 @@ pub(super) fn separate(
 }
 
 /// Which of four sides with the same ends belong to one sheet.
-fn paired(
-    meeting: &[Side],
-    ends: &[[usize; 2]],
-    is_joined: impl Fn([usize; 2], [usize; 2]) -> bool,
-) -> Option<[[Side; 2]; 2]> {
-    let end = |side: &Side, which: usize| ends[side.1 / 2][which];
-    let [first, others @ ..] = meeting else { return None };
-    let across = |which: usize| {
-        let other = others.iter().map(|side| end(side, which)).find(|n| *n != end(first, which));
-        Some([end(first, which), other?])
-    };
-    // Each sheet goes around one of the nodes that are not joined.
-    let which = usize::from(is_joined(across(0)?, across(1)?));
+fn paired(meeting: &[Side], outside: &[usize]) -> Option<[[Side; 2]; 2]> {
+    let node = |side: &Side| outside[side.1 / 2];
+    let first = meeting.first()?;
     let (own, other): (Vec<Side>, Vec<Side>) =
-        meeting.iter().partition(|side| end(side, which) == end(first, which));
+        meeting.iter().partition(|side| node(side) == node(first));
     Some([own.try_into().ok()?, other.try_into().ok()?])
 }
 

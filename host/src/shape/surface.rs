@@ -80,12 +80,9 @@ fn polygonise(field: &dyn Field, lattice: &Lattice, samples: Samples) -> (Mesh, 
     let mut triangles: Vec<[u32; 3]> =
         nets.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
     sharpen(field, spacing, &normals, &mut vertices, &mut triangles);
-    let ends: Vec<[usize; 2]> =
-        triangles.chunks_exact(2).map(|pair| ends(lattice, &nets, &scaled, pair)).collect();
-    // The sign of the bilinear field at its saddle.
-    let product = |[a, b]: [usize; 2]| scaled[a] * scaled[b];
-    let is_joined = |within: [usize; 2], without: [usize; 2]| product(within) > product(without);
-    let names = separate(&mut triangles, &ends, is_joined);
+    let beyond: Vec<usize> =
+        triangles.chunks_exact(2).map(|pair| outside(lattice, &nets, &scaled, pair)).collect();
+    let names = separate(&mut triangles, &beyond);
     let between = |all: &[Point]| -> Vec<Point> {
         names.iter().map(|[a, b]| (all[*a as usize] + all[*b as usize]) / 2.0).collect()
     };
@@ -93,21 +90,21 @@ fn polygonise(field: &dyn Field, lattice: &Lattice, samples: Samples) -> (Mesh, 
     (Mesh::trusted(vertices, triangles), samples.clipped)
 }
 
-/// The nodes that a quadrilateral of the nets lies between, first that in the object.
-fn ends(
+/// The node on the outside of a quadrilateral of the nets.
+fn outside(
     lattice: &Lattice,
     nets: &SurfaceNetsBuffer,
     values: &[f32],
     pair: &[[u32; 3]],
-) -> [usize; 2] {
+) -> usize {
     let cells = || pair.iter().flatten().map(|v| nets.surface_points[*v as usize]);
     let last = cells().fold([0; 3], |last, cell| [0, 1, 2].map(|a| cell[a].max(last[a])));
-    let mut ends = [last.map(|i| i as usize); 2];
+    let mut nodes = [last.map(|i| i as usize); 2];
     // Its four cells lie around this axis.
     let along = (0..3).filter(|axis| cells().all(|cell| cell[*axis] == last[*axis]));
-    along.for_each(|axis| ends[1][axis] += 1);
-    let [a, b] = ends.map(|node| lattice.index(node));
-    if values[a] < 0.0 { [a, b] } else { [b, a] }
+    along.for_each(|axis| nodes[1][axis] += 1);
+    let [a, b] = nodes.map(|node| lattice.index(node));
+    if values[a] < 0.0 { b } else { a }
 }
 
 impl Surface {
