@@ -13,7 +13,8 @@ const SHORTEST: f64 = 1e-3;
 /// Cosine between the normals of neighbouring triangles (120°) below which one may have been turned over.
 const FOLDED: f64 = -0.5;
 
-/// It was not where those of the field across their edge differ as much, to this; so they do at sharp edges.
+/// By how much that must be less than the cosine between the field's normals on both sides of their edge,
+/// which is no greater where the surface itself is as sharp.
 const ALIKE: f64 = 0.4;
 
 /// What a fold costs beside the area of the triangles, in that of a cell's side.
@@ -22,14 +23,15 @@ const FOLD: f64 = 0.1;
 /// What a change saves at least, likewise.
 const LEAST: f64 = 1e-9;
 
-/// How far the surface may move when it is unfolded, in spacings.
+/// How far the surface may move when it is unfolded, in spacings: first, and where folds are left.
 const MOST_OFF: [f64; 2] = [0.1, 0.5];
 
 /// How long edges may get by it, likewise.
 const LONGEST: f64 = 3.0;
 
-/// Contracts short edges and unfolds what is folded over. `normals` are those of the field beside the vertices,
-/// not a number where there is none. The mesh must be watertight and the triangles at each vertex one fan.
+/// Contracts short edges and unfolds what is folded over. `normals` are those of the field beside the
+/// vertices, not a number where there is none. The mesh must be watertight and the triangles at each vertex
+/// one fan.
 pub(super) fn mend(
     spacing: f64,
     vertices: Vec<Point>,
@@ -42,8 +44,9 @@ pub(super) fn mend(
     }
     let mut net = Net { spacing, vertices, normals, triangles, fans };
     // What was in the way of the one the other may have taken away.
-    for most_off in MOST_OFF {
-        while net.shorten() | net.unfold(most_off * spacing) {}
+    let [near, far] = MOST_OFF.map(|share| share * spacing);
+    for (most_off, cuts) in [(near, false), (far, false), (far, true)] {
+        while net.shorten(cuts) | net.unfold(most_off) {}
     }
     net.left()
 }
@@ -88,14 +91,8 @@ impl Net {
     fn fan(&self, vertex: u32) -> impl Iterator<Item = (u32, [u32; 2])> + '_ {
         let others = move |name: &u32| {
             let [a, b, c] = self.triangles[*name as usize];
-            let others = if a == vertex {
-                [b, c]
-            } else if b == vertex {
-                [c, a]
-            } else {
-                [a, b]
-            };
-            (*name, others)
+            let others = [[b, c], [c, a], [a, b]];
+            (*name, others[[a, b].iter().position(|v| *v == vertex).unwrap_or(2)])
         };
         self.fans[vertex as usize].iter().map(others)
     }
@@ -142,9 +139,14 @@ impl Net {
                 self.fans[v as usize].retain(|other| other != name);
             }
         }
-        for (name, triangle) in change.gone.iter().zip(&change.new) {
-            self.triangles[*name as usize] = *triangle;
-            triangle.iter().for_each(|v| self.fans[*v as usize].push(*name));
+        let more = self.triangles.len() as u32..;
+        for (name, triangle) in change.gone.iter().copied().chain(more).zip(&change.new) {
+            if name as usize == self.triangles.len() {
+                self.triangles.push(*triangle);
+            } else {
+                self.triangles[name as usize] = *triangle;
+            }
+            triangle.iter().for_each(|v| self.fans[*v as usize].push(name));
         }
     }
 
@@ -159,8 +161,8 @@ impl Net {
     }
 
     /// Contracts short edges where no triangle turns over by it, and whether there were any. Tetrahedra that
-    /// have one vanish.
-    fn shorten(&mut self) -> bool {
+    /// have one vanish; necks that consist of one are cut where asked for.
+    fn shorten(&mut self, cuts: bool) -> bool {
         for round in 0.. {
             let short: Vec<[u32; 2]> = self.edges().filter(|ends| self.is_short(*ends)).collect();
             let mut is_done = true;
@@ -175,14 +177,16 @@ impl Net {
                     Some(Change { gone, new: Vec::new() })
                 } else {
                     let moved = |[gone, kept]: [u32; 2]| {
-                        self.contraction([gone, kept]).filter(|change| !self.turns(change, gone))
+                        self.contraction([gone, kept])
+                            .filter(|change| cuts || !self.turns(change, gone))
                     };
-                    // Else perhaps what stands out between two triangles back to back.
+                    // Else what stands out between two triangles back to back may be in the way.
                     let fin = || {
-                        let ring = self.fan(b).map(|f| f.1[0]).find(|v| self.is_fin(*v, [a, b]))?;
-                        self.contraction([ring, a])
+                        let mut ring = self.fan(b).map(|(_, others)| others[0]);
+                        self.contraction([ring.find(|v| self.is_fin(*v, [a, b]))?, a])
                     };
-                    moved([b, a]).or_else(|| moved([a, b])).or_else(fin)
+                    let found = moved([b, a]).or_else(|| moved([a, b])).or_else(fin);
+                    if cuts { found.or_else(|| self.cut([a, b])) } else { found }
                 };
                 if let Some(change) = change {
                     self.apply(&change);
@@ -194,6 +198,38 @@ impl Net {
             }
         }
         false
+    }
+
+    /// The surface cut at a neck around an edge and one other vertex, and closed on both sides.
+    fn cut(&mut self, [a, b]: [u32; 2]) -> Option<Change> {
+        let ((_, left), (_, right)) = self.beside([a, b]).zip(self.beside([b, a]))?;
+        let ring: Vec<u32> = self.fan(a).map(|(_, others)| others[0]).collect();
+        let is_common = |v: &u32| ring.contains(v) && ![left, right].contains(v);
+        let c = self.fan(b).map(|(_, others)| others[0]).find(is_common)?;
+        // The triangles on the left of the way around it.
+        let mut gone = Vec::new();
+        for [last, at, next] in sides(&[a, b, c]) {
+            let mut spoke = next;
+            while spoke != last {
+                let (name, third) = self.beside([at, spoke])?;
+                gone.push(name);
+                spoke = third;
+            }
+        }
+        gone.sort_unstable();
+        gone.dedup();
+        let first = self.vertices.len() as u32;
+        let renamed =
+            |v| [a, b, c].iter().zip(first..).find(|(old, _)| **old == v).map_or(v, |n| n.1);
+        let mut new: Vec<[u32; 3]> =
+            self.triangles_of(&gone).into_iter().map(|t| t.map(renamed)).collect();
+        new.extend([[a, b, c], [first + 1, first, first + 2]]);
+        for v in [a, b, c] {
+            self.vertices.push(self.vertices[v as usize]);
+            self.normals.push(self.normals[v as usize]);
+            self.fans.push(Vec::new());
+        }
+        Some(Change { gone, new })
     }
 
     /// Whether a contraction turns over one of the triangles at the vertex that is moved.
@@ -230,8 +266,8 @@ impl Net {
         is_changed
     }
 
-    /// Of the changes to these edges that help the one that moves the surface least; of those that do not move
-    /// it the one that helps most.
+    /// Of the changes to these edges that help the one that moves the surface least; of those that do not
+    /// move it the one that helps most.
     fn unfolding(&self, most_off: f64, edges: [[u32; 2]; 5]) -> Option<Change> {
         let square = self.spacing.powi(2);
         let changes = edges.into_iter().flat_map(|[a, b]| {
@@ -361,4 +397,84 @@ fn distance([a, b, c]: &[Point; 3], p: &Point) -> f64 {
         (from + along * share.clamp(0.0, 1.0) - p).norm()
     };
     sides.map(to_side).into_iter().fold(f64::INFINITY, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shape::mesh::tests::folds;
+    use crate::shape::{Field, Mesh, surface};
+
+    struct Ball;
+
+    impl Field for Ball {
+        fn values(&self, points: &[Point]) -> Vec<f64> {
+            points.iter().map(|p| p.norm() - 0.02).collect()
+        }
+
+        fn deviations(&self, points: &[Point]) -> Vec<f64> {
+            vec![0.0; points.len()]
+        }
+    }
+
+    fn mended(vertices: &[Point], triangles: &[[u32; 3]]) -> Mesh {
+        let normals = vertices.iter().map(|p| p.normalize()).collect();
+        let (vertices, triangles) = mend(0.002, vertices.to_vec(), normals, triangles.to_vec());
+        Mesh::new(vertices, triangles).unwrap()
+    }
+
+    #[test]
+    fn vertices_beyond_their_neighbours_leave_no_fold() {
+        let corner = Point::repeat(0.025);
+        let (ball, _) = surface::mesh(&Ball, (-corner, corner), 0.002).unwrap();
+        assert_eq!(mended(ball.vertices(), ball.triangles()).triangles(), ball.triangles());
+        for moved in (0..ball.vertices().len()).step_by(37) {
+            let mut vertices = ball.vertices().to_vec();
+            let along = vertices[moved].cross(&Point::new(0.3, 0.5, 0.7)).normalize();
+            vertices[moved] = (vertices[moved] + along * 0.003).normalize() * 0.02;
+            let folded = Mesh::new(vertices.clone(), ball.triangles().to_vec()).unwrap();
+            assert!(folds(&folded) > 0);
+            let mesh = mended(&vertices, ball.triangles());
+            assert!(mesh.is_watertight());
+            assert_eq!(folds(&mesh), 0);
+            assert!((mesh.volume() / ball.volume() - 1.0).abs() < 1e-3);
+        }
+    }
+
+    /// Rings of three vertices one above the other, closed at both ends.
+    fn tube(rings: &[[Point; 3]]) -> (Vec<Point>, Vec<[u32; 3]>) {
+        let last = 3 * (rings.len() as u32 - 1);
+        let mut triangles = vec![[0, 2, 1], [last, last + 1, last + 2]];
+        for ring in 0..rings.len() as u32 - 1 {
+            for i in 0..3 {
+                let [a, b] = [3 * ring + i, 3 * ring + (i + 1) % 3];
+                triangles.extend([[a, b, b + 3], [a, b + 3, a + 3]]);
+            }
+        }
+        (rings.concat(), triangles)
+    }
+
+    #[test]
+    fn a_short_edge_around_a_neck_parts_it() {
+        let ring = |z: f64, width: f64| {
+            [Point::new(0.01, width, z), Point::new(0.0, 0.02, z), Point::new(0.01, -width, z)]
+                .map(|p| p - Point::new(0.005, 0.0, 0.0))
+        };
+        let (vertices, triangles) = tube(&[ring(-0.01, 0.01), ring(0.0, 1e-9), ring(0.01, 0.01)]);
+        let before = Mesh::new(vertices.clone(), triangles.clone()).unwrap();
+        assert!(before.is_watertight());
+        let mesh = mended(&vertices, &triangles);
+        assert!(mesh.is_watertight());
+        // Two bodies, each with an edge in the place of the neck.
+        assert_eq!((mesh.vertices().len(), mesh.triangles().len()), (10, 12));
+        assert!((mesh.volume() / before.volume() - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn what_is_too_small_vanishes() {
+        let at = |x: f64, y: f64, z: f64| Point::new(x, y, z) * 1e-7;
+        let vertices = [at(0.0, 0.0, 0.0), at(1.0, 0.0, 0.0), at(0.0, 1.0, 0.0), at(0.0, 0.0, 1.0)];
+        let triangles = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+        assert!(mended(&vertices.map(|p| p + Point::x()), &triangles).triangles().is_empty());
+    }
 }

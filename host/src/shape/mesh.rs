@@ -275,6 +275,28 @@ pub(crate) mod tests {
         Mesh::new(vertices.collect(), triangles.collect()).unwrap()
     }
 
+    /// How many pairs of neighbouring triangles lie on one another; slivers do not count.
+    pub(crate) fn folds(mesh: &Mesh) -> usize {
+        let normal = |[a, b, c]: [Point; 3]| (b - a).cross(&(c - a));
+        let normals: Vec<Point> = mesh.faces().map(normal).collect();
+        let mut areas: Vec<f64> = normals.iter().map(Point::norm).collect();
+        areas.sort_by(f64::total_cmp);
+        let least = 1e-4 * areas[areas.len() / 2];
+        let mut sides = HashMap::new();
+        for (t, triangle) in mesh.triangles.iter().enumerate() {
+            for i in 0..3 {
+                sides.insert((triangle[i], triangle[(i + 1) % 3]), t);
+            }
+        }
+        let is_folded = |((a, b), t): (&(u32, u32), &usize)| {
+            let [one, other] = [normals[*t], normals[sides[&(*b, *a)]]];
+            a < b
+                && one.norm().min(other.norm()) > least
+                && one.normalize().dot(&other.normalize()) < -0.95
+        };
+        sides.iter().filter(|side| is_folded(*side)).count()
+    }
+
     /// Signed distance to a box, from its definition.
     fn exact(half: [f64; 3], p: &Point) -> f64 {
         let q = [p.x.abs() - half[0], p.y.abs() - half[1], p.z.abs() - half[2]];

@@ -18,8 +18,8 @@ const FLAT: f64 = 0.01;
 const BENT: f64 = 0.98;
 
 /// Moves vertices onto the corners and edges of the surface and turns diagonals that this leaves without
-/// area. Triangles come in pairs, each a quadrilateral of the nets; `normals` are those of the field beside the
-/// vertices, not a number where there is none, so that no edge is beside these.
+/// area. Triangles come in pairs, each a quadrilateral of the nets; `normals` are those of the field beside
+/// the vertices, not a number where there is none, so that no edge is beside these.
 pub(super) fn sharpen(
     field: &dyn Field,
     spacing: f64,

@@ -1,8 +1,9 @@
 //! Sheets of a surface that meet in an edge or a vertex of its nets, taken apart.
 //!
-//! Nets have one vertex in a cell, however many sheets of the surface cross it, and four triangles at the edge
-//! between two cells where of the nodes of their common side one and that across from it lie in the object.
-//! Each sheet gets vertices of its own there, as in dual marching cubes (Nielson, IEEE Visualization 2004).
+//! Nets have one vertex in a cell, however many sheets of the surface cross it, and four triangles at the
+//! edge between two cells where of the nodes of their common side one and that across from it lie in the
+//! object. Each sheet gets vertices of its own there, as in dual marching cubes (Nielson, IEEE Visualization
+//! 2004).
 
 use std::iter::once;
 
@@ -11,11 +12,11 @@ use super::surface::Groups;
 /// A side of a triangle: its ends, the lesser first, the triangle, and where it starts there.
 type Side = ([u32; 2], usize, usize);
 
-/// Names the corners of triangles anew, so that every edge has two triangles and those at a vertex are one fan.
-/// Gives, of each new name, the old one of the same place, or two old ones that it is halfway between.
+/// Names the corners of triangles anew, so that every edge has two triangles and those at a vertex are one
+/// fan. Gives, of each new name, the old one of the same place, or two old ones that it is halfway between.
 ///
-/// Triangles come in pairs, each a quadrilateral of the nets, of which `outside` has the node of the lattice on
-/// the outside. The object hangs together at an edge, the outside does not: each sheet goes around one node.
+/// Triangles come in pairs, each a quadrilateral of the nets; `outside` has of each the node of the lattice
+/// on its outside. The object hangs together at an edge, the outside does not: a sheet goes around one node.
 pub(super) fn separate(triangles: &mut Vec<[u32; 3]>, outside: &[usize]) -> Vec<[u32; 2]> {
     let mut sides: Vec<Side> = Vec::with_capacity(3 * triangles.len());
     for (t, [a, b, c]) in triangles.iter().enumerate() {

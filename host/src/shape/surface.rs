@@ -193,6 +193,7 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
+    use crate::shape::mesh::tests::folds;
     use nalgebra::Rotation3;
     use proptest::prelude::*;
 
@@ -213,15 +214,10 @@ mod tests {
         extract(&Analytic(f), (-corner, corner), spacing).unwrap()
     }
 
-    fn assert_closed(mesh: &Mesh) {
-        let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
-        for t in mesh.triangles() {
-            for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
-                *edges.entry((a, b)).or_default() += 1;
-                *edges.entry((b, a)).or_default() -= 1;
-            }
-        }
-        assert!(edges.values().all(|n| *n == 0));
+    fn assert_sound(mesh: &Mesh) {
+        assert!(mesh.is_watertight());
+        assert_eq!(folds(mesh), 0);
+        assert!(smallest_area(mesh) > 0.0);
     }
 
     fn euler(mesh: &Mesh) -> i64 {
@@ -245,7 +241,7 @@ mod tests {
     #[test]
     fn a_sphere_is_closed_outward_and_on_the_field() {
         let surface = trace(|p| p.norm() - 0.05, 0.06, 0.005);
-        assert_closed(&surface.mesh);
+        assert_sound(&surface.mesh);
         assert_eq!(euler(&surface.mesh), 2);
         assert!(!surface.clipped);
         for v in surface.mesh.vertices() {
@@ -261,7 +257,7 @@ mod tests {
     #[test]
     fn a_torus_keeps_its_hole() {
         let surface = trace(torus, 0.06, 0.004);
-        assert_closed(&surface.mesh);
+        assert_sound(&surface.mesh);
         assert_eq!(euler(&surface.mesh), 0);
         for v in surface.mesh.vertices() {
             assert!(torus(v).abs() < 1e-6, "{v:?} {}", torus(v));
@@ -278,7 +274,7 @@ mod tests {
             0.02 * (q.norm_squared().powi(2) - 1.0)
         };
         let surface = trace(f, 0.06, 0.003);
-        assert_closed(&surface.mesh);
+        assert_sound(&surface.mesh);
         let worst = surface.mesh.vertices().iter().map(|v| f(v).abs()).fold(0.0, f64::max);
         assert!(worst < 1e-6, "{worst}");
     }
@@ -288,9 +284,8 @@ mod tests {
         let f = |p: &Point| (p.x.abs() - 0.05).max((p.y.abs() - 0.03).max(p.z.abs() - 0.02));
         // The faces lie on nodes of the lattice, so nets put vertices on top of one another.
         let surface = trace(f, 0.06, 0.005);
-        assert_closed(&surface.mesh);
+        assert_sound(&surface.mesh);
         assert_eq!(euler(&surface.mesh), 2);
-        assert!(smallest_area(&surface.mesh) > 0.0);
         assert!((surface.mesh.volume() / (0.1 * 0.06 * 0.04) - 1.0).abs() < 0.03);
     }
 
@@ -305,10 +300,7 @@ mod tests {
             (p.xy().norm() - 0.04).max(p.z.abs() - 0.035)
         };
         let round = trace(can, 0.06, 0.004).mesh;
-        for mesh in [&block, &round] {
-            assert_closed(mesh);
-            assert!(smallest_area(mesh) > 0.0);
-        }
+        [&block, &round].into_iter().for_each(assert_sound);
         assert!((block.volume() / (8.0 * half.product()) - 1.0).abs() < 1e-6);
         // Of the rim nothing is missing but what chords cut off.
         for angle in 0..200 {
@@ -320,6 +312,66 @@ mod tests {
     }
 
     #[test]
+    fn whatever_way_they_lie_bodies_with_edges_are_watertight_and_not_folded() {
+        for turn in 0..4 {
+            let turn = f64::from(turn);
+            let askew = Rotation3::from_euler_angles(0.3 + turn, 0.5 * turn, 0.7 - 0.4 * turn);
+            let block =
+                move |p: &Point| (p.x.abs() - 0.03).max(p.y.abs() - 0.024).max(p.z.abs() - 0.018);
+            let can = |p: &Point| (p.xy().norm() - 0.025).max(p.z.abs() - 0.03);
+            let nut = |p: &Point| {
+                let sides = (0..6).map(|i| (TAU * f64::from(i) / 6.0).sin_cos());
+                let sides = sides.map(|(sin, cos)| cos * p.x + sin * p.y - 0.028);
+                sides.fold(p.z.abs() - 0.02, f64::max)
+            };
+            // One end of many faces, as bodies by chance have.
+            let gem = move |p: &Point| {
+                let faces = (0..9).map(|i| {
+                    let (sin, cos) = (2.4 * f64::from(i) + turn).sin_cos();
+                    let height = 0.1 + 0.09 * f64::from(i);
+                    let flat = (1.0 - height * height).sqrt();
+                    flat * (cos * p.x + sin * p.y) + height * p.z - 0.025
+                });
+                faces.fold(block(p), f64::max)
+            };
+            let bodies: [&(dyn Fn(&Point) -> f64 + Sync); 4] = [&block, &can, &nut, &gem];
+            for (i, body) in bodies.into_iter().enumerate() {
+                let there = |p: &Point| body(&(askew * p));
+                let mesh = trace(there, 0.05, 0.0027).mesh;
+                assert_sound(&mesh);
+                assert_eq!(euler(&mesh), 2);
+                // Its edges are still there: nothing lies beneath the surface but what chords cut off,
+                // and edges that are not sharp, of which the last has some.
+                let depths = mesh.triangles().iter().map(|t| {
+                    let corners = t.iter().map(|v| mesh.vertices()[*v as usize]);
+                    there(&(corners.sum::<Point>() / 3.0))
+                });
+                let deepest = depths.fold(0.0, f64::min);
+                assert!(deepest > -1.2e-4 || i == 3, "{turn} {deepest}");
+            }
+        }
+    }
+
+    #[test]
+    fn sheets_that_meet_have_vertices_of_their_own() {
+        // Two quarters of a ball that meet in an edge across the lattice, and two balls in one node.
+        let quarters = |p: &Point| (p.norm() - 0.03).max(p.x * p.y / 0.03);
+        let apart = Point::repeat(0.012);
+        let balls = |p: &Point| ((p - apart).norm().min((p + apart).norm())) - apart.norm();
+        let fields: [&(dyn Fn(&Point) -> f64 + Sync); 2] = [&quarters, &balls];
+        for (half, field) in
+            [0.0405, 0.0422, 0.043].into_iter().flat_map(|h| fields.map(|f| (h, f)))
+        {
+            let surface = trace(field, half, 0.003);
+            assert!(surface.mesh.is_watertight());
+            assert!(smallest_area(&surface.mesh) > 0.0);
+            // They stay together.
+            let whole = surface.largest();
+            assert!(whole.mesh.volume() > 0.9 * surface.mesh.volume());
+        }
+    }
+
+    #[test]
     fn the_edge_of_a_hollow_is_kept_too() {
         // A block without the quarter where both x and y are above 1.3 mm.
         let ell = |p: &Point| {
@@ -327,7 +379,7 @@ mod tests {
             block.max(p.x.min(p.y) - 0.0013)
         };
         let mesh = trace(ell, 0.05, 0.004).mesh;
-        assert_closed(&mesh);
+        assert_sound(&mesh);
         let exact = 0.08 * 0.08 * 0.04 - (0.04 - 0.0013_f64).powi(2) * 0.04;
         assert!((mesh.volume() / exact - 1.0).abs() < 1e-6, "{}", mesh.volume() / exact);
     }
@@ -336,7 +388,7 @@ mod tests {
     fn an_object_that_reaches_the_edge_is_closed_there() {
         let surface = trace(|p| p.x, 0.02, 0.004);
         assert!(surface.clipped);
-        assert_closed(&surface.mesh);
+        assert_sound(&surface.mesh);
         assert!(surface.mesh.volume() > 0.0);
     }
 
@@ -357,7 +409,7 @@ mod tests {
         let surface = trace(two, 0.06, 0.004);
         let small =
             surface.touched(&[Point::new(-0.03, 0.0125, 0.0), Point::new(-0.042, 0.0, 0.0)]);
-        assert_closed(&small.mesh);
+        assert_sound(&small.mesh);
         assert_eq!(euler(&small.mesh), 2);
         assert!(small.mesh.vertices().iter().all(|v| v.x < 0.0));
         assert_eq!(small.deviations.len(), small.mesh.vertices().len());
@@ -386,11 +438,11 @@ mod tests {
                 0.01 * waves.iter().map(wave).sum::<f64>() + 1e-3
             };
             let surface = trace(f, 0.06, 0.008);
-            assert_closed(&surface.mesh);
+            prop_assert!(surface.mesh.is_watertight());
             prop_assert!(surface.mesh.volume() > 0.0);
             prop_assert!(smallest_area(&surface.mesh) > 0.0);
             let touched = surface.touched(&surface.mesh.vertices()[..1]);
-            assert_closed(&touched.mesh);
+            prop_assert!(touched.mesh.is_watertight());
         }
     }
 }
