@@ -42,7 +42,8 @@ pub(super) fn mend(
     for (name, triangle) in triangles.iter().enumerate() {
         triangle.iter().for_each(|v| fans[*v as usize].push(name as u32));
     }
-    let mut net = Net { spacing, vertices, normals, triangles, fans };
+    let mut net = Net { spacing, vertices, normals, triangles, fans, doubtful: Vec::new() };
+    net.doubtful = net.bent();
     // What was in the way of the one the other may have taken away.
     let [near, far] = MOST_OFF.map(|share| share * spacing);
     for (most_off, cuts) in [(near, false), (far, false), (far, true)] {
@@ -60,6 +61,8 @@ struct Net {
     triangles: Vec<[u32; 3]>,
     /// The triangles at each vertex.
     fans: Vec<Vec<u32>>,
+    /// Edges that may be folded.
+    doubtful: Vec<[u32; 2]>,
 }
 
 /// New triangles in the place of others.
@@ -147,6 +150,7 @@ impl Net {
                 self.triangles[name as usize] = *triangle;
             }
             triangle.iter().for_each(|v| self.fans[*v as usize].push(name));
+            self.doubtful.extend(sides(triangle).map(|[a, b, _]| [a, b]));
         }
     }
 
@@ -240,29 +244,38 @@ impl Net {
         })
     }
 
-    /// Contracts and flips edges of folds while that makes the surface smaller and leaves it where it is.
-    fn unfold(&mut self, most_off: f64) -> bool {
+    /// Edges between triangles with very different normals.
+    fn bent(&self) -> Vec<[u32; 2]> {
         let units: Vec<Point> = self.triangles.iter().map(|t| unit(&self.area(t))).collect();
-        let may_be_folded = |[a, b]: &[u32; 2]| {
-            let [left, right] = [[*a, *b], [*b, *a]].map(|side| self.beside(side));
-            let cosine =
-                left.zip(right).map(|(l, r)| units[l.0 as usize].dot(&units[r.0 as usize]));
-            cosine.is_some_and(|cosine| cosine < FOLDED)
+        let is_bent = |(t, [a, b, _]): (usize, [u32; 3])| {
+            let other = if a < b { self.beside([b, a]) } else { None };
+            other.filter(|(name, _)| units[t].dot(&units[*name as usize]) < FOLDED).map(|_| [a, b])
         };
-        let mut edges: Vec<[u32; 2]> = self.edges().filter(may_be_folded).collect();
+        let all =
+            self.triangles.iter().enumerate().flat_map(|(t, c)| sides(c).map(|side| (t, side)));
+        all.filter_map(is_bent).collect()
+    }
+
+    /// Contracts and flips edges of folds while that makes the surface smaller and leaves it where it is, and
+    /// whether there were any.
+    fn unfold(&mut self, most_off: f64) -> bool {
         let mut is_changed = false;
-        while let Some([a, b]) = edges.pop() {
+        let mut left_over = Vec::new();
+        while let Some([a, b]) = self.doubtful.pop() {
             let [left, right] = [[a, b], [b, a]].map(|side| self.beside(side));
             let Some(((_, c), (_, d))) = left.zip(right) else { continue };
-            if self.is_folded(&[a, b, c], d)
-                && let Some(change) =
-                    self.unfolding(most_off, [[a, b], [b, c], [c, a], [a, d], [d, b]])
-            {
-                self.apply(&change);
-                edges.extend(change.new.iter().flat_map(sides).map(|[a, b, _]| [a, b]));
-                is_changed = true;
+            if !self.is_folded(&[a, b, c], d) {
+                continue;
+            }
+            match self.unfolding(most_off, [[a, b], [b, c], [c, a], [a, d], [d, b]]) {
+                Some(change) => {
+                    self.apply(&change);
+                    is_changed = true;
+                }
+                None => left_over.push([a, b]),
             }
         }
+        self.doubtful = left_over;
         is_changed
     }
 

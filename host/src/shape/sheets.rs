@@ -9,8 +9,13 @@ use std::iter::once;
 
 use super::surface::Groups;
 
-/// A side of a triangle: its ends, the lesser first, the triangle, and where it starts there.
-type Side = ([u32; 2], usize, usize);
+/// A side of a triangle: its ends, the lesser first, and the corner where it starts.
+type Side = (u64, u32);
+
+/// Of a corner its triangle and its place there.
+fn place(corner: u32) -> (usize, usize) {
+    (corner as usize / 3, corner as usize % 3)
+}
 
 /// Names the corners of triangles anew, so that every edge has two triangles and those at a vertex are one
 /// fan. Gives, of each new name, the old one of the same place, or two old ones that it is halfway between.
@@ -19,17 +24,18 @@ type Side = ([u32; 2], usize, usize);
 /// on its outside. The object hangs together at an edge, the outside does not: a sheet goes around one node.
 pub(super) fn separate(triangles: &mut Vec<[u32; 3]>, outside: &[usize]) -> Vec<[u32; 2]> {
     let mut sides: Vec<Side> = Vec::with_capacity(3 * triangles.len());
-    for (t, [a, b, c]) in triangles.iter().enumerate() {
-        let ends = [[a, b], [b, c], [c, a]].map(|[a, b]| [*a.min(b), *a.max(b)]);
-        sides.extend((0..3).map(|i| (ends[i], t, i)));
+    for [a, b, c] in triangles.iter() {
+        for [a, b] in [[a, b], [b, c], [c, a]].map(|[a, b]| [*a.min(b), *a.max(b)].map(u64::from)) {
+            sides.push((a << 32 | b, sides.len() as u32));
+        }
     }
     sides.sort_unstable();
     // Each corner is a vertex of its own until a side joins it to that of another triangle.
     let mut corners = Groups::new(3 * triangles.len());
-    let corner = |t: usize, i: usize| (3 * t + i % 3) as u32;
+    let next = |corner: u32| if corner % 3 == 2 { corner - 2 } else { corner + 1 };
     let mut join = |one: &Side, two: &Side| {
-        corners.join(corner(one.1, one.2), corner(two.1, two.2 + 1));
-        corners.join(corner(one.1, one.2 + 1), corner(two.1, two.2));
+        corners.join(one.1, next(two.1));
+        corners.join(next(one.1), two.1);
     };
     let mut met = Vec::new();
     for meeting in sides.chunk_by(|a, b| a.0 == b.0) {
@@ -42,23 +48,23 @@ pub(super) fn separate(triangles: &mut Vec<[u32; 3]>, outside: &[usize]) -> Vec<
     }
     let mut names = vec![u32::MAX; 3 * triangles.len()];
     let mut old: Vec<[u32; 2]> = Vec::new();
-    for (t, triangle) in triangles.iter_mut().enumerate() {
-        for (i, v) in triangle.iter_mut().enumerate() {
-            let name = &mut names[corners.root(corner(t, i)) as usize];
-            if *name == u32::MAX {
-                *name = old.len() as u32;
-                old.push([*v; 2]);
-            }
-            *v = *name;
+    for (corner, v) in (0..).zip(triangles.iter_mut().flatten()) {
+        let name = &mut names[corners.root(corner) as usize];
+        if *name == u32::MAX {
+            *name = old.len() as u32;
+            old.push([*v; 2]);
         }
+        *v = *name;
     }
-    halve(triangles, &met, &mut old);
+    if !met.is_empty() {
+        halve(triangles, &met, &mut old);
+    }
     old
 }
 
 /// Which of four sides with the same ends belong to one sheet.
 fn paired(meeting: &[Side], outside: &[usize]) -> Option<[[Side; 2]; 2]> {
-    let node = |side: &Side| outside[side.1 / 2];
+    let node = |side: &Side| outside[side.1 as usize / 6];
     let first = meeting.first()?;
     let (own, other): (Vec<Side>, Vec<Side>) =
         meeting.iter().partition(|side| node(side) == node(first));
@@ -68,7 +74,10 @@ fn paired(meeting: &[Side], outside: &[usize]) -> Option<[[Side; 2]; 2]> {
 /// Where sheets that met at a side still have both its ends in common, one of them gets a vertex halfway.
 fn halve(triangles: &mut Vec<[u32; 3]>, met: &[[[Side; 2]; 2]], old: &mut Vec<[u32; 2]>) {
     let whole = triangles.clone();
-    let from_to = |side: &Side| [0, 1].map(|i| whole[side.1][(side.2 + i) % 3]);
+    let from_to = |side: &Side| {
+        let (t, i) = place(side.1);
+        [whole[t][i], whole[t][(i + 1) % 3]]
+    };
     // Of each triangle that is added the one that it was a part of.
     let mut parents = Vec::new();
     for [one, two] in met {
@@ -79,11 +88,12 @@ fn halve(triangles: &mut Vec<[u32; 3]>, met: &[[[Side; 2]; 2]], old: &mut Vec<[u
             continue;
         }
         let middle = old.len() as u32;
-        old.push(two[0].0);
+        old.push([(two[0].0 >> 32) as u32, two[0].0 as u32]);
         for side in two {
             let [from, to] = from_to(side);
-            let parts = (whole.len()..).zip(&parents).filter(|part| *part.1 == side.1);
-            let mut parts = once(side.1).chain(parts.map(|part| part.0));
+            let t = place(side.1).0;
+            let parts = (whole.len()..).zip(&parents).filter(|part| *part.1 == t);
+            let mut parts = once(t).chain(parts.map(|part| part.0));
             let start = |part: usize| {
                 let corners = triangles[part];
                 let is_start = |i: &usize| corners[*i] == from && corners[(i + 1) % 3] == to;
@@ -93,7 +103,7 @@ fn halve(triangles: &mut Vec<[u32; 3]>, met: &[[[Side; 2]; 2]], old: &mut Vec<[u
             let third = triangles[part][(i + 2) % 3];
             triangles[part][(i + 1) % 3] = middle;
             triangles.push([middle, to, third]);
-            parents.push(side.1);
+            parents.push(t);
         }
     }
 }
