@@ -300,7 +300,11 @@ pub(super) fn check(options: &Options) -> Result<(), SimError> {
         return refuse("--carried", "a length and an angle from 0", by.to_string());
     }
     if options.carried.is_some() && options.grasps == Some(1) {
-        return refuse("--carried", "at least 2 grasps, for the object is carried between two", "1".into());
+        return refuse(
+            "--carried",
+            "at least 2 grasps, for the object is carried between two",
+            "1".into(),
+        );
     }
     Ok(())
 }
