@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use super::lattice::{Lattice, LatticeError, Samples, deviations_at, values_at};
-use super::outline::winds_around;
+use super::outline::{signed_area, winds_around};
 use super::settle::{self, Tangent, meeting, settle, tangents};
 use super::{Field, Outline};
 use crate::space::Point;
@@ -22,7 +22,7 @@ const CUT: f64 = 0.01;
 /// there, so that this may be generous: the tip of a corner of 60° may be at 1.3.
 const TIP: f64 = 2.0;
 
-/// Vertices nearer than this, in spacings, are one.
+/// Vertices nearer than this, in spacings, are one, and loops around less, in squares of it, are none.
 const SAME: f64 = 1e-6;
 
 /// The least share of the contacts that makes a component part of the object.
@@ -92,9 +92,7 @@ fn trace(field: &dyn Field, lattice: &Lattice, samples: &Samples) -> (Outline, b
             vertices.pop();
         }
         // Where the field is zero along a row of nodes it runs there and back, around nothing.
-        let along = vertices.iter().zip(vertices.iter().cycle().skip(1));
-        let length: f64 = along.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).sum();
-        if signed_area(&vertices).abs() > SAME * lattice.spacing() * length {
+        if signed_area(&vertices).abs() > SAME * lattice.spacing().powi(2) {
             loops.push(vertices);
         }
     }
@@ -228,12 +226,6 @@ pub(super) fn components_touched(
         .max_by(|a, b| votes[*a].cmp(&votes[*b]).then(sizes[*a].total_cmp(&sizes[*b])));
     let least = (LEAST_SHARE * contacts.len() as f64).max(1.0);
     (0..clouds.len()).map(|i| Some(i) == first || votes[i] as f64 >= least).collect()
-}
-
-/// The enclosed area: positive for counter-clockwise loops, square metres.
-fn signed_area(vertices: &[[f64; 2]]) -> f64 {
-    let next = vertices.iter().cycle().skip(1);
-    vertices.iter().zip(next).map(|(a, b)| a[0] * b[1] - a[1] * b[0]).sum::<f64>() / 2.0
 }
 
 /// The edge from node (i, j) to its right neighbour is 2·index, to its upper neighbour 2·index + 1.

@@ -207,8 +207,8 @@ fn normal(a: [f64; 2], b: [f64; 2]) -> Point {
     Point::new(b[1] - a[1], a[0] - b[0], 0.0).normalize()
 }
 
-/// Positive counter-clockwise; relative to the first vertex, so that nothing cancels.
-fn signed_area(vertices: &[[f64; 2]]) -> f64 {
+/// Positive counter-clockwise, square metres; relative to the first vertex, so that nothing cancels.
+pub(super) fn signed_area(vertices: &[[f64; 2]]) -> f64 {
     let from = |v: [f64; 2]| [v[0] - vertices[0][0], v[1] - vertices[0][1]];
     vertices.windows(2).map(|w| cross(from(w[0]), from(w[1]))).sum::<f64>() / 2.0
 }
