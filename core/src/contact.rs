@@ -134,6 +134,16 @@ impl<'a, S: Space> GraspView<'a, S> {
         self.contacts.iter().filter_map(|contact| contact.checked().ok())
     }
 
+    /// The mean of the usable contacts' places; `None` without any.
+    pub fn centroid(&self) -> Option<S::Vector> {
+        let (mut sum, mut count) = (S::Vector::ZERO, 0.0);
+        for contact in self.usable() {
+            sum += contact.point;
+            count += 1.0;
+        }
+        (count > 0.0).then(|| sum * (1.0 / count))
+    }
+
     /// Points and normals of the usable contacts that have one, in the frame of an object at `pose`.
     pub fn felt_from(
         &self,

@@ -66,6 +66,9 @@ pub struct Bootstrap<S: Space, M: Map<S>, const PARTICLES: usize> {
     lost: u16,
     /// Whether a contact has fixed the object frame.
     started: bool,
+    /// Mean of the contacts learnt, object frame, and their number.
+    middle: S::Vector,
+    learnt: f32,
 }
 
 #[derive(Clone, Debug)]
@@ -95,7 +98,16 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
     /// A filter over an empty `map`, with [`Settings::DEFAULT`].
     pub const fn new(map: M) -> Self {
         let particles = Particles::new();
-        Bootstrap { map, particles, running: None, grasps: 0, lost: 0, started: false }
+        Bootstrap {
+            map,
+            particles,
+            running: None,
+            grasps: 0,
+            lost: 0,
+            started: false,
+            middle: S::Vector::ZERO,
+            learnt: 0.0,
+        }
     }
 
     /// Starts anew with these settings.
@@ -105,6 +117,7 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
         self.grasps = 0;
         self.lost = 0;
         self.started = false;
+        (self.middle, self.learnt) = (S::Vector::ZERO, 0.0);
     }
 
     /// The shape so far.
@@ -124,25 +137,25 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
 
     /// Fixes the object frame at the centroid of the first contacts.
     fn start(&mut self, grasp: &GraspView<'_, S>) {
-        let mut centroid = S::Vector::ZERO;
-        let mut count = 0.0;
-        for contact in grasp.usable() {
-            centroid += contact.point;
-            count += 1.0;
-        }
-        if count > 0.0 {
-            self.particles.place(S::Pose::from_translation(centroid * (1.0 / count)));
+        if let Some(centroid) = grasp.centroid() {
+            self.particles.place(S::Pose::from_translation(centroid));
             self.started = true;
         }
     }
 
-    /// Moves every particle as the hand meant to, and then some; more when the object was lost.
-    fn predict(&mut self, motion: Option<&S::Pose>) {
+    /// Moves every particle as the hand meant to, and then some. A lost object may be anywhere: for every second
+    /// particle its middle is where the contacts' is, for a hand closes about it.
+    fn predict(&mut self, motion: Option<&S::Pose>, grasp: &GraspView<'_, S>) {
+        let elsewhere = grasp.centroid().filter(|_| self.lost > 0);
         let running = self.running.get_or_insert_with(|| Running::new(Settings::DEFAULT));
         let motion = motion.filter(|m| is_plausible::<S>(m));
         let noise = running.motion.of(motion.is_some()).after_losing(self.lost);
-        for pose in self.particles.poses_mut() {
-            let moved = motion.map_or(*pose, |m| m.compose(pose));
+        for (number, pose) in self.particles.poses_mut().iter_mut().enumerate() {
+            let mut moved = motion.map_or(*pose, |m| m.compose(pose));
+            if let Some(felt) = elsewhere.filter(|_| !number.is_multiple_of(2)) {
+                let off = felt - moved.transform(self.middle);
+                moved = S::Pose::from_translation(off).compose(&moved);
+            }
             *pose = noise.disturb::<S>(&moved, &mut running.random);
         }
     }
@@ -222,6 +235,8 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
                 continue;
             }
             let placed = place(&contact, pose, covariance);
+            self.learnt += 1.0;
+            self.middle += (placed.point - self.middle) * (1.0 / self.learnt);
             dropped = dropped.saturating_add(match self.map.insert(&placed) {
                 Insertion::Stored | Insertion::Merged => 0,
                 Insertion::Replaced(others) => others,
@@ -261,7 +276,7 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Tracker<S> for Bootstrap<S, M,
             self.particles.place(S::Pose::IDENTITY);
             self.start(&grasp);
         } else {
-            self.predict(motion);
+            self.predict(motion, &grasp);
             status = match if contacts > 0 { self.weigh(&grasp) } else { Fit::Refused } {
                 Fit::Somewhere => Status::Tracking,
                 Fit::Refused => Status::Predicted,

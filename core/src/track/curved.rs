@@ -209,12 +209,7 @@ impl<
 
     /// Fixes the object frame at the centroid of the first contacts.
     fn start(&mut self, grasp: &GraspView<'_, S>) -> u16 {
-        let (mut centroid, mut count) = (S::Vector::ZERO, 0.0);
-        for contact in grasp.usable() {
-            centroid += contact.point;
-            count += 1.0;
-        }
-        let centroid = centroid * (1.0 / count);
+        let centroid = grasp.centroid().unwrap_or(S::Vector::ZERO);
         let none = Move { motion: S::Pose::IDENTITY, drift: Drift::NONE };
         let dropped = self.memory.push(self.grasps, none, grasp);
         let first = &mut self.hypotheses[0];
@@ -332,20 +327,23 @@ impl<
         let kept = self.memory.grasps().last().map_or(0, |last| last.touches().len());
         let (nowhere, exact) = (all_wild(grasp, 0..kept), all_short_by(grasp, 0..kept, 0.0));
         self.evidence += all_wild(grasp, kept..contacts);
+        let mut expected = self.pending.motion;
         let mut density = math::ln(1.0 - SLIP) + self.branch(grasp);
         if !self.is_found(density, nowhere, exact) {
             self.memory.pop();
             self.rank();
-            self.slip();
+            expected = self.pending.motion;
+            let odds = self.slip(grasp);
             self.memory.push(self.grasps, self.pending, grasp);
             self.lay_part(0, self.memory.grasps().len().saturating_sub(1));
-            density = math::ln(SLIP) + self.branch(grasp);
+            density = math::ln(SLIP) + odds + self.branch(grasp);
         }
         if !self.is_found(density, nowhere, exact) {
             self.evidence += nowhere;
             self.memory.pop();
             self.rank();
             self.lay(0);
+            self.pending.motion = expected;
             return (Status::Lost, dropped);
         }
         self.evidence += density;

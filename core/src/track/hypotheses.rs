@@ -223,18 +223,10 @@ impl<
 
     /// Fixes the object frame at the centroid of the first contacts.
     fn start(&mut self, grasp: &GraspView<'_, S>) {
-        let (mut centroid, mut count) = (S::Vector::ZERO, 0.0);
-        for contact in grasp.usable() {
-            centroid += contact.point;
-            count += 1.0;
-        }
-        if count == 0.0 {
-            self.slots[0].place(S::Pose::IDENTITY);
-        } else {
-            centroid = centroid * (1.0 / count);
-            self.slots[0].place(S::Pose::from_translation(centroid));
-            self.started = true;
-        }
+        let felt = grasp.centroid();
+        let centroid = felt.unwrap_or(S::Vector::ZERO);
+        self.slots[0].place(S::Pose::from_translation(centroid));
+        self.started = felt.is_some();
         let mut furthest = 0.01 * 0.01;
         for contact in grasp.usable() {
             furthest = math::max(furthest, (contact.point - centroid).norm_squared());

@@ -22,7 +22,7 @@ use crate::contact::GraspView;
 use crate::math;
 use crate::matrix::Coordinates;
 use crate::random::Random;
-use crate::space::{self, Pose, Space};
+use crate::space::{self, Pose};
 use crate::track::particles::{effective, multiply, resample};
 use crate::track::{Estimate, Modes, MotionNoise, Separation, Status, Tracker, is_plausible};
 use genealogy::Genealogy;
@@ -220,7 +220,7 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
     ) -> Option<Verdict> {
         let Running { motion: noise, random } = self.running();
         let (noise, mut random) = (noise.of(motion.is_some()).after_losing(lost), random.clone());
-        let felt = centroid(grasp);
+        let felt = grasp.centroid().unwrap_or(S::Vector::ZERO);
         let contacts = grasp.usable().count() as u32;
         // Two fingers must agree; one alone fits anywhere.
         let enough = math::max(contacts.clamp(2, 3) as f32, 0.6 * contacts as f32);
@@ -228,9 +228,15 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
         let mut greatest = f32::NEG_INFINITY;
         for (i, particle) in self.particles.iter().enumerate() {
             let mean = motion.map_or(particle.pose, |m| m.compose(&particle.pose));
-            let prior = Prior { mean, noise };
             let view = particle.shape.view();
             let centre = particle.shape.centre();
+            let mut noise = noise;
+            if lost > 0 {
+                // Put elsewhere, it is within two deviations of where it was expected.
+                let far = (felt - mean.transform(centre)).norm();
+                noise.translation = math::max(noise.translation, 0.5 * far);
+            }
+            let prior = Prior { mean, noise };
             let drawn = draw(&view, &prior, grasp, &mut random, |k, random| {
                 let start = if k == 0 { mean } else { noise.disturb::<S>(&mean, random) };
                 if lost == 0 {
@@ -358,17 +364,6 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
     }
 }
 
-/// Mean of the contacts' places; the origin without any.
-fn centroid<S: Space>(grasp: &GraspView<'_, S>) -> S::Vector {
-    let mut sum = S::Vector::ZERO;
-    let mut count = 0.0;
-    for contact in grasp.usable() {
-        sum += contact.point;
-        count += 1.0;
-    }
-    if count > 0.0 { sum * (1.0 / count) } else { sum }
-}
-
 impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usize> Tracker<S>
     for RaoBlackwell<S, PARTICLES, FACES, HISTORY>
 {
@@ -377,7 +372,8 @@ impl<S: Faceted, const PARTICLES: usize, const FACES: usize, const HISTORY: usiz
         let motion = motion.filter(|m| is_plausible::<S>(m));
         let mut status = Status::Started;
         if !self.started {
-            self.place(S::Pose::from_translation(centroid(&grasp)));
+            let centroid = grasp.centroid().unwrap_or(S::Vector::ZERO);
+            self.place(S::Pose::from_translation(centroid));
             self.started = contacts > 0;
         } else if contacts == 0 {
             self.predict(motion);

@@ -2,8 +2,9 @@
 //! doubt about these.
 
 use nalgebra::{Matrix6, Vector6};
+use tactile_core::track::Status;
 
-use crate::log::GraspLog;
+use crate::log::{GraspLog, LoggedGrasp};
 use crate::reference::Contact;
 use crate::slam::free::Free;
 use crate::slam::track::Step;
@@ -19,11 +20,12 @@ pub struct Placed {
     pub grasp: usize,
 }
 
-/// The log's contacts in the object frame. The doubt about a pose along a contact's normal, and
+/// The log's contacts in the object frame, but for those of grasps that the tracker lost: where they are, nobody knows.
+/// The doubt about a pose along a contact's normal, and
 /// about its rotation, goes into the contact's deviations, as the core's tracker has it.
 pub fn place(log: &GraspLog, steps: &[Step]) -> Vec<Placed> {
     let mut placed = Vec::new();
-    for (grasp, (logged, step)) in log.grasps.iter().zip(steps).enumerate() {
+    for (grasp, logged, step) in found(log, steps) {
         for c in &logged.contacts {
             let (point_deviation, normal_deviation) = deviations(c, &log.noise);
             let world =
@@ -33,6 +35,15 @@ pub fn place(log: &GraspLog, steps: &[Step]) -> Vec<Placed> {
         }
     }
     placed
+}
+
+/// The grasps that were not lost, with their positions in the log.
+fn found<'a>(
+    log: &'a GraspLog,
+    steps: &'a [Step],
+) -> impl Iterator<Item = (usize, &'a LoggedGrasp, &'a Step)> {
+    let all = log.grasps.iter().zip(steps).enumerate();
+    all.map(|(k, (logged, step))| (k, logged, step)).filter(|(.., s)| s.status != Status::Lost)
 }
 
 /// The contact with the uncertainty of its pose added: along the normal, in all directions alike without
@@ -67,7 +78,7 @@ pub(crate) fn doubt(contact: Contact, covariance: &Matrix6<f64>) -> Contact {
 pub fn free(log: &GraspLog, steps: &[Step]) -> Vec<Free> {
     let own = usual_deviations(&log.noise).0;
     let mut free = Vec::new();
-    for (logged, step) in log.grasps.iter().zip(steps) {
+    for (_, logged, step) in found(log, steps) {
         for f in &logged.free {
             let world = Contact {
                 point: f.point,
@@ -80,4 +91,24 @@ pub fn free(log: &GraspLog, steps: &[Step]) -> Vec<Free> {
         }
     }
     free
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::{Options, simulate};
+    use crate::slam::track::truth;
+
+    #[test]
+    fn what_a_lost_grasp_felt_is_nowhere_until_a_graph_finds_it() {
+        let log = simulate(&Options::new("triangle:0.06".parse().unwrap())).unwrap().log;
+        let known = truth(&log).unwrap();
+        let all = place(&log, &known);
+        let mut steps = known.clone();
+        steps[2].status = Status::Lost;
+        let left = place(&log, &steps);
+        assert!(all.iter().filter(|p| p.grasp != 2).eq(&left) && left.len() < all.len());
+        steps[2] = steps[2].at(known[2].pose, known[2].covariance);
+        assert_eq!(place(&log, &steps), all);
+    }
 }

@@ -70,7 +70,7 @@ pub struct Reconstruction {
     pub geometry: Geometry,
     /// Standard deviation along the normal at each of its vertices, metres.
     pub deviations: Vec<f64>,
-    /// All contacts of the log, wild ones that it was made without among them.
+    /// All contacts of the log but those of [lost](place()) grasps; wild ones that it was made without among them.
     pub contacts: Vec<Placed>,
     /// What it was made with.
     pub model: Model,
@@ -129,7 +129,7 @@ pub fn check(log: &GraspLog) -> Result<(), Error> {
 /// Places every contact of the log by the steps' poses and reconstructs the object.
 ///
 /// # Errors
-/// Without contacts; when faces are asked for and leave the object open; when a contact has unusable
+/// Without contacts of grasps that were not lost; when faces are asked for and leave the object open; when a contact has unusable
 /// numbers, or few are too coincident for a dense surface.
 pub fn reconstruct(
     log: &GraspLog,

@@ -51,6 +51,16 @@ impl Step {
         }
     }
 
+    /// The same at the pose that all grasps together say: of one that had been lost, too, it is known now.
+    pub fn at(&self, pose: Pose, covariance: Matrix6<f64>) -> Self {
+        let step = Step { pose, covariance, ..self.clone() };
+        if self.status == Status::Lost {
+            Step { status: Status::Tracking, corrected: true, modes: Vec::new(), ..step }
+        } else {
+            step
+        }
+    }
+
     /// From what the core reports.
     pub fn from_estimate<S: Bridge>(estimate: &Estimate<S>) -> Self {
         Step {

@@ -4,8 +4,9 @@ use super::Curved;
 use super::memory::{Drift, Move};
 use super::proposal::Prediction;
 use super::trajectory::Hypothesis;
+use crate::contact::GraspView;
 use crate::math;
-use crate::matrix::Square;
+use crate::matrix::{Coordinates, Square};
 use crate::space::{Pose, Space};
 use crate::surface::Revisable;
 use crate::track::{MotionNoise, is_plausible};
@@ -38,11 +39,23 @@ impl<
         self.widen(&noise);
     }
 
-    /// Motion has a second, rare component: the object slipped who knows how far.
-    pub(super) fn slip(&mut self) {
+    /// Motion has a second, rare component: the object slipped who knows how far. One that is touched far from
+    /// there was put where it is touched; the log density of that, over one that it slipped.
+    pub(super) fn slip(&mut self, grasp: &GraspView<'_, S>) -> f32 {
         let unknown = self.settings.unknown;
         self.widen(&unknown);
         self.slipped = true;
+        let Some(last) = self.memory.grasps().len().checked_sub(1) else { return 0.0 };
+        let predicted = self.pending.motion.compose(&self.hypotheses[0].poses[last]);
+        let Some(felt) = grasp.centroid() else { return 0.0 };
+        let off = felt - predicted.transform(self.middle(0, last + 1));
+        let far = off.norm() / (2.0 * unknown.translation);
+        if !(far > 1.0) {
+            return 0.0;
+        }
+        self.pending.motion = S::Pose::from_translation(off).compose(&self.pending.motion);
+        // A normal density as wide as it was put away, at two deviations, over that of a slip at its middle.
+        -(S::DIMENSION as f32) * math::ln(far) - 2.0
     }
 
     fn widen(&mut self, noise: &MotionNoise) {

@@ -8,7 +8,7 @@ use super::proposal::{Prior, draw};
 use super::*;
 use crate::contact::{Contact, FreePoint};
 use crate::matrix::{Square, Vector};
-use crate::space::{Planar, PlanarPose, Spatial, SpatialPose};
+use crate::space::{Planar, PlanarPose, Space, Spatial, SpatialPose};
 
 type Filter = RaoBlackwell<Planar, 64, 12, 16>;
 
@@ -162,10 +162,12 @@ fn a_slip_far_beyond_the_noise_is_found_at_once() {
     for k in 0..3 {
         filter.update(None, view(&touch(&PlanarPose::IDENTITY, 0.001 * k as f32)));
     }
-    let truth = PlanarPose::new(Vector([0.02, -0.025]), 0.5);
-    let estimate = filter.update(None, view(&touch(&truth, 0.0)));
-    let error = truth.local(&estimate.pose);
-    assert!(estimate.corrected && error.norm() < 0.03, "{error:?}");
+    for (away, turned) in [(0.02, 0.5), (1.5, -0.1)] {
+        let truth = PlanarPose::new(Vector([away, -0.025]), turned);
+        let estimate = filter.update(None, view(&touch(&truth, 0.0)));
+        let error = truth.local(&estimate.pose);
+        assert!(estimate.corrected && error.norm() < 0.03, "{error:?}");
+    }
 }
 
 #[test]

@@ -176,10 +176,7 @@ fn bodily(problem: &Problem, body: &round::Followed, steps: &[Step]) -> Correcte
 /// With what the tracker said of each grasp but for its pose.
 fn told(corrected: Corrected, steps: &[Step]) -> Corrected {
     let told = corrected.steps.into_iter().zip(steps);
-    let steps = told.map(|(corrected, step)| {
-        let Step { pose, covariance, .. } = corrected;
-        Step { pose, covariance, ..step.clone() }
-    });
+    let steps = told.map(|(corrected, step)| step.at(corrected.pose, corrected.covariance));
     Corrected { steps: steps.collect(), ..corrected }
 }
 

@@ -117,9 +117,9 @@ fn run<const D: usize>(
         first.chain(best.covariance.iter().map(six_by_six)).collect();
     let before = trajectories.first().copied().unwrap_or_default();
     let poses = best.poses.iter().zip(&covariance).enumerate();
-    let steps = poses.map(|(k, (pose, covariance))| {
-        let before = before.get(k).cloned().unwrap_or_else(|| Step::certain(*pose));
-        Step { pose: *pose, covariance: *covariance, ..before }
+    let steps = poses.map(|(k, (pose, covariance))| match before.get(k) {
+        Some(before) => before.at(*pose, *covariance),
+        None => Step { covariance: *covariance, ..Step::certain(*pose) },
     });
     Some(Corrected {
         steps: steps.collect(),
