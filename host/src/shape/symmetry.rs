@@ -1,9 +1,9 @@
 //! The turns that map a shape to itself: what no estimate of its pose can tell apart.
 
-use nalgebra::{Matrix3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Translation3, Unit, UnitQuaternion, Vector3};
 
 use super::Geometry;
-use crate::space::Point;
+use crate::space::{Point, Pose};
 
 /// A turned shape coincides with itself when no point is farther from the surface than this share of
 /// the greatest distance from the centre: what contacts known to a millimetre cannot tell apart.
@@ -68,6 +68,15 @@ pub struct Symmetry {
 }
 
 impl Symmetry {
+    /// Of something of which nothing is known: the identity alone.
+    pub fn none() -> Symmetry {
+        Symmetry {
+            centre: Point::zeros(),
+            turns: vec![UnitQuaternion::identity()],
+            free: Free::None,
+        }
+    }
+
     /// Of a shape: exact in the plane; in space from the principal axes and the farthest corners,
     /// refined until the shape coincides with itself, which finds the groups of prisms, boxes,
     /// regular solids and bodies of revolution. Of nothing, only the identity.
@@ -102,6 +111,13 @@ impl Symmetry {
         });
         let off = |element: &UnitQuaternion<f64>| element.angle_to(turn);
         candidates.min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or_default()
+    }
+
+    /// What is left of a displacement (object frame) when the turn of the group nearest to it is taken back.
+    pub fn rest(&self, displacement: &Pose) -> Pose {
+        let back = self.nearest(&displacement.rotation).inverse();
+        let about = Translation3::from(self.centre);
+        displacement * (about * back * about.inverse())
     }
 
     /// How far `turn` is from mapping the shape to itself, radians.

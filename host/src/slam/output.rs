@@ -16,7 +16,7 @@ use crate::slam::reconstruct::{self, Reconstruction, reconstruct_known};
 use crate::slam::replay;
 use crate::slam::track::Step;
 use crate::view::drawing::PictureError;
-use crate::view::report::{JudgedGrasp, Report, Run, gauge, pose_errors};
+use crate::view::report::{JudgedGrasp, Report, Run, gauge};
 use crate::view::summary::{self, Summary};
 use crate::view::{html, mcap, scene, trajectory};
 
@@ -186,8 +186,8 @@ fn summarise(
             .iter()
             .map(|p| (p.contact.point, p.contact.normal, p.grasp))
             .collect(),
-        pose_errors: gauge.map(|gauge| {
-            let errors = pose_errors(grasps, &gauge);
+        pose_errors: gauge.map(|_| {
+            let errors = &report.pose.per_grasp;
             errors.iter().map(|e| (e.translation_mm, e.rotation_deg)).collect()
         }),
     }

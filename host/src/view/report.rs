@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use tactile_core::track::Status;
 
 use crate::log::write::write_atomically;
+use crate::shape::symmetry::Symmetry;
 use crate::shape::{Geometry, align, metrics};
 use crate::space::{Point, Pose};
 
@@ -28,11 +29,11 @@ pub struct Report {
     /// The poses against the true ones.
     pub pose: PoseErrors,
     /// Root mean square distance from the estimated surface to the contacts, taken to the object
-    /// frame by the estimated poses: needs no truth.
+    /// frame by the estimated poses, those of lost grasps left out: needs no truth.
     pub contact_rms_mm: Option<f64>,
     /// Wall-clock time of each stage.
     pub seconds: BTreeMap<String, f64>,
-    /// Grasps the tracker could not explain.
+    /// Grasps that the tracker could not explain and no graph found.
     pub lost: Vec<u64>,
     /// Grasps that fit at several poses.
     #[serde(default)]
@@ -57,7 +58,7 @@ pub struct SurfaceErrors {
     pub rms_mm: Option<f64>,
 }
 
-/// Errors of the poses.
+/// Errors of the poses: up to turns that map the true shape to itself, where that is known.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PoseErrors {
     /// One entry per grasp whose true pose is known.
@@ -126,12 +127,13 @@ pub fn gauge(grasps: &[JudgedGrasp]) -> Option<Pose> {
 }
 
 /// The error of every pose that has a true one, given the [`gauge`]: the motion from the true pose
-/// to the estimated one, seen from the true object frame. The first is zero by construction.
-pub fn pose_errors(grasps: &[JudgedGrasp], gauge: &Pose) -> Vec<PoseError> {
+/// to the estimated one, seen from the true object frame, but for turns that nobody can see. The first is zero by
+/// construction.
+pub fn pose_errors(grasps: &[JudgedGrasp], gauge: &Pose, symmetry: &Symmetry) -> Vec<PoseError> {
     grasps
         .iter()
         .filter_map(|g| {
-            let error = g.truth?.inverse() * g.estimate * gauge;
+            let error = symmetry.rest(&(g.truth?.inverse() * g.estimate * gauge));
             Some(PoseError {
                 grasp: g.index,
                 translation_mm: error.translation.vector.norm() * 1e3,
@@ -141,7 +143,7 @@ pub fn pose_errors(grasps: &[JudgedGrasp], gauge: &Pose) -> Vec<PoseError> {
         .collect()
 }
 
-/// Root mean square distance from `surface` (estimated object frame) to all contacts, metres.
+/// Root mean square distance from `surface` (estimated object frame) to all contacts but those of lost grasps, metres.
 /// `None` without contacts or surface.
 pub fn contact_rms(grasps: &[JudgedGrasp], surface: &Geometry) -> Option<f64> {
     if metrics::is_empty(surface) {
@@ -149,6 +151,7 @@ pub fn contact_rms(grasps: &[JudgedGrasp], surface: &Geometry) -> Option<f64> {
     }
     let squares: Vec<f64> = grasps
         .iter()
+        .filter(|g| g.status != Status::Lost)
         .flat_map(|g| {
             let to_object = g.estimate.inverse();
             g.contacts.iter().map(move |c| to_object * nalgebra::Point3::from(*c))
@@ -163,7 +166,8 @@ impl Report {
     /// without any true pose the frames cannot be related and the shape's errors stay `None`.
     pub fn new(run: &Run) -> Report {
         let gauge = gauge(run.grasps);
-        let errors = gauge.map(|g| pose_errors(run.grasps, &g)).unwrap_or_default();
+        let symmetry = || run.truth.map_or_else(Symmetry::none, Symmetry::of);
+        let errors = gauge.map(|g| pose_errors(run.grasps, &g, &symmetry())).unwrap_or_default();
         let translations: Vec<f64> = errors.iter().map(|e| e.translation_mm.powi(2)).collect();
         let rotations: Vec<f64> = errors.iter().map(|e| e.rotation_deg.powi(2)).collect();
         let last = errors.last().copied();
@@ -288,7 +292,7 @@ mod tests {
     }
 
     /// Two grasps of a square whose estimated frame is `gauge` away from the true one; the second
-    /// pose is 3 mm and 2° off.
+    /// pose is 3 mm and 2° off, and what was felt there far from the surface.
     fn grasps(gauge: Pose) -> Vec<JudgedGrasp> {
         let truth = [planar(0.1, 0.2, 0.3), planar(0.15, 0.2, 1.0)];
         let error = planar(0.003, 0.0, 2.0_f64.to_radians());
@@ -299,7 +303,7 @@ mod tests {
                 index: k as u64,
                 estimate: estimate[k],
                 truth: Some(truth[k]),
-                contacts: vec![(estimate[k] * gauge * felt).coords],
+                contacts: vec![(estimate[k] * gauge * felt).coords + k as f64 * Point::x()],
                 status: if k == 1 { Status::Lost } else { Status::Ambiguous },
             })
             .collect()
@@ -412,10 +416,27 @@ mod tests {
         let mut grasps = grasps(planar(0.01, 0.0, 0.2));
         grasps[0].truth = None;
         let gauge = gauge(&grasps).unwrap();
-        let errors = pose_errors(&grasps, &gauge);
+        let errors = pose_errors(&grasps, &gauge, &Symmetry::none());
         assert_eq!(errors.len(), 1);
         assert_eq!(errors[0].grasp, 1);
         assert!(errors[0].translation_mm < 1e-9 && errors[0].rotation_deg < 1e-6);
+    }
+
+    #[test]
+    fn a_turn_that_nobody_can_see_is_no_error() {
+        let mut grasps = grasps(planar(0.01, -0.02, 0.5));
+        // A quarter turn about the middle of a square that is not where the frame is.
+        let beside = planar(0.005, 0.01, 0.0);
+        let gauge = gauge(&grasps).unwrap();
+        let turn = beside * planar(0.0, 0.0, std::f64::consts::FRAC_PI_2) * beside.inverse();
+        grasps[1].estimate =
+            grasps[1].truth.unwrap() * turn * planar(0.003, 0.0, 0.02) * gauge.inverse();
+        let errors = |symmetry| pose_errors(&grasps, &gauge, &symmetry)[1];
+        let seen = errors(Symmetry::of(&square(0.02).transformed(&beside)));
+        // Turned by a quarter the middle is 3 mm to the other side.
+        assert!((seen.rotation_deg - 0.02_f64.to_degrees()).abs() < 1e-9, "{seen:?}");
+        assert!((seen.translation_mm - 3.0).abs() < 0.5, "{seen:?}");
+        assert!(errors(Symmetry::none()).rotation_deg > 89.0);
     }
 
     #[test]

@@ -389,9 +389,9 @@ pub(super) fn corrected<const D: usize>(
         .iter()
         .zip(&marginal)
         .enumerate()
-        .map(|(k, (pose, covariance))| {
-            let before = steps.get(k).cloned().unwrap_or_else(|| Step::certain(*pose));
-            Step { pose: *pose, covariance: *covariance, ..before }
+        .map(|(k, (pose, covariance))| match steps.get(k) {
+            Some(before) => before.at(*pose, *covariance),
+            None => Step { covariance: *covariance, ..Step::certain(*pose) },
         })
         .collect();
     let corrected = Corrected {
