@@ -13,8 +13,10 @@ pub mod faces;
 pub mod mirror;
 pub mod misfit;
 pub mod notched;
+pub mod open;
 
 pub use body::Body;
 pub use doubt::Doubt;
 pub use faces::Faces;
 pub use mirror::Mirror;
+pub use open::Open;

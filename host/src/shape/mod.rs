@@ -86,6 +86,30 @@ impl Geometry {
         }
     }
 
+    /// Outward unit normal at each of the [`vertices`](Geometry::vertices), the mean of those that meet there, weighed
+    /// by length or area; zero where they cancel.
+    pub fn normals(&self) -> Vec<Point> {
+        let mut sums = match self {
+            Geometry::Outline(outline) => {
+                outline.loops.iter().flat_map(|l| corner_normals(l)).collect()
+            }
+            Geometry::Mesh(mesh) => {
+                let vertices = mesh.vertices();
+                let mut sums = vec![Point::zeros(); vertices.len()];
+                for triangle in mesh.triangles() {
+                    let [a, b, c] = triangle.map(|v| vertices[v as usize]);
+                    let normal = (b - a).cross(&(c - a));
+                    triangle.iter().for_each(|v| sums[*v as usize] += normal);
+                }
+                sums
+            }
+        };
+        for sum in &mut sums {
+            *sum = sum.try_normalize(0.0).unwrap_or_default();
+        }
+        sums
+    }
+
     /// The same shape moved by `pose`.
     pub fn transformed(&self, pose: &Pose) -> Geometry {
         match self {
@@ -151,6 +175,18 @@ impl Geometry {
             Geometry::Mesh(m) => m.cast(origin, direction, reach),
         }
     }
+}
+
+/// At each corner of a loop the sum of the normals of both edges, as long as these.
+fn corner_normals(corners: &[[f64; 2]]) -> Vec<Point> {
+    let count = corners.len();
+    let beside = |i: usize| (corners[(i + count - 1) % count], corners[(i + 1) % count]);
+    // Both edges turned by a quarter are the way between their far ends turned so.
+    let normal = |i: usize| {
+        let (before, after) = beside(i);
+        Point::new(after[1] - before[1], before[0] - after[0], 0.0)
+    };
+    (0..count).map(normal).collect()
 }
 
 /// Why vertices do not make a shape.

@@ -12,8 +12,9 @@ use super::arrangement::{Arrangement, Facet};
 use super::boundary::{self, Side};
 use super::min_cut::Graph;
 use super::{Field, Geometry};
-use crate::model::Doubt;
+
 use crate::model::faces::{Face, Faces, Owner};
+use crate::model::{Doubt, Open};
 use crate::reference::Contact;
 use crate::space::Point;
 
@@ -131,6 +132,11 @@ fn built(
     }
     let mut planes = faces.faces.clone();
     planes.extend_from_slice(closing);
+    let open = Open::of(contacts);
+    for plane in &mut planes {
+        let open = open.deviation(&plane.centroid, &plane.normal);
+        plane.offset_variance = plane.offset_variance.max(open * open);
+    }
     if planes.len() > MOST_PLANES {
         return None;
     }

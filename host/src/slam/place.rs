@@ -108,7 +108,9 @@ mod tests {
         steps[2].status = Status::Lost;
         let left = place(&log, &steps);
         assert!(all.iter().filter(|p| p.grasp != 2).eq(&left) && left.len() < all.len());
-        steps[2] = steps[2].at(known[2].pose, known[2].covariance);
+        let (pose, covariance) = (known[2].pose, known[2].covariance);
+        assert_eq!(steps[2].at(pose, covariance, false).status, Status::Lost);
+        steps[2] = steps[2].at(pose, covariance, true);
         assert_eq!(place(&log, &steps), all);
     }
 }

@@ -7,7 +7,7 @@ use nalgebra::Matrix6;
 use crate::experts;
 use crate::log::GraspLog;
 use crate::model::notched::Found;
-use crate::model::{Doubt, Faces, Mirror, bare};
+use crate::model::{Doubt, Faces, Mirror, Open, bare};
 use crate::reference::Contact;
 use crate::reference::gpis::Error as SurfaceError;
 use crate::shape::Geometry;
@@ -205,13 +205,19 @@ impl Shape {
         Ok(Shape { model, geometry, deviations, mirrors: felt.mirrors })
     }
 
-    /// As uncertain where nobody touched it as what the contacts leave open.
-    fn doubted(mut self, doubt: Option<Doubt>) -> Shape {
+    /// As uncertain where nobody touched it as what the `contacts` leave open.
+    fn doubted(mut self, contacts: &[Contact], doubt: Option<Doubt>) -> Shape {
         match self.model {
             Model::Faces(polytope) => Shape::flat(polytope.doubted(doubt), self.mirrors),
             Model::Gp(_) => {
+                let (vertices, normals) = (self.geometry.vertices(), self.geometry.normals());
                 if let Some(doubt) = doubt {
-                    self.deviations = doubt.widened(&self.geometry.vertices(), &self.deviations);
+                    self.deviations = doubt.widened(&vertices, &self.deviations);
+                }
+                let open = Open::of(contacts);
+                let places = vertices.iter().zip(&normals);
+                for (deviation, (vertex, normal)) in self.deviations.iter_mut().zip(places) {
+                    *deviation = deviation.hypot(open.deviation(vertex, normal));
                 }
                 self
             }
@@ -264,7 +270,7 @@ fn with_normals(
     let trusted = only(contacts, &sift::trusted(dimension, contacts));
     let Some(fitted) = fit::explained(dimension, &trusted, free)? else { return Ok(shape) };
     let shape = Shape::curved(dimension, &fitted, Mirrored::unmoved(&trusted))?;
-    Ok(shape.doubted(open_beside(dimension, &trusted, free)))
+    Ok(shape.doubted(&trusted, open_beside(dimension, &trusted, free)))
 }
 
 /// The same where some contacts may be wild.
@@ -325,7 +331,9 @@ fn shape_of(
     let Felt { contacts, all, free } = felt;
     let boxes = || {
         let (polytope, trusted) = notched(dimension, contacts, all?, &outside(contacts, free))?;
-        Some(Shape::flat(polytope, vec![]).doubted(open_beside(dimension, &trusted, free)))
+        Some(
+            Shape::flat(polytope, vec![]).doubted(&trusted, open_beside(dimension, &trusted, free)),
+        )
     };
     let are_first = all.is_some() && are_boxes_first(dimension, contacts);
     if are_first && let Some(shape) = boxes() {
@@ -340,7 +348,7 @@ fn shape_of(
         } else {
             Shape::flat(polytope, vec![])
         };
-        return Ok(shape.doubted(open_beside(dimension, contacts, free)));
+        return Ok(shape.doubted(contacts, open_beside(dimension, contacts, free)));
     }
     // Many contacts do not show sides that nobody felt.
     if !are_first && let Some(shape) = boxes() {
@@ -351,7 +359,7 @@ fn shape_of(
         experts.settle(progress);
         let (geometry, deviations) = extract(dimension, &experts, contacts)?;
         let shape = Shape { model: Model::Gp(kernel), geometry, deviations, mirrors: vec![] };
-        return Ok(shape.doubted(open_beside(dimension, contacts, free)));
+        return Ok(shape.doubted(contacts, open_beside(dimension, contacts, free)));
     }
     let sift = if poses == Poses::Known { sift::trusted_at_known } else { sift::trusted };
     let trusted = only(contacts, &sift(dimension, contacts));
@@ -359,7 +367,7 @@ fn shape_of(
     if trusted.len() < contacts.len()
         && let Some(polytope) = faced(dimension, &trusted, free, known, choice)?
     {
-        return Ok(Shape::flat(polytope, vec![]).doubted(doubt()));
+        return Ok(Shape::flat(polytope, vec![]).doubted(&trusted, doubt()));
     }
     let fitted = fit::fit(dimension, &trusted, free)?;
     let mut shape = Shape::curved(dimension, &fitted, Mirrored::unmoved(&trusted))?;
@@ -368,7 +376,7 @@ fn shape_of(
     {
         shape = mirrored_surface(shape, felt, dimension, free, choice)?;
     }
-    Ok(shape.doubted(doubt()))
+    Ok(shape.doubted(&trusted, doubt()))
 }
 
 /// Whether a box less smaller boxes says more than faces: these show a hollow, and either they were felt by few contacts

@@ -51,10 +51,11 @@ impl Step {
         }
     }
 
-    /// The same at the pose that all grasps together say: of one that had been lost, too, it is known now.
-    pub fn at(&self, pose: Pose, covariance: Matrix6<f64>) -> Self {
+    /// The same at the pose that all grasps together say. One that had been lost is not, if most of what it felt is where
+    /// the object `is_found` to be.
+    pub fn at(&self, pose: Pose, covariance: Matrix6<f64>, is_found: bool) -> Self {
         let step = Step { pose, covariance, ..self.clone() };
-        if self.status == Status::Lost {
+        if self.status == Status::Lost && is_found {
             Step { status: Status::Tracking, corrected: true, modes: Vec::new(), ..step }
         } else {
             step

@@ -176,7 +176,7 @@ fn bodily(problem: &Problem, body: &round::Followed, steps: &[Step]) -> Correcte
 /// With what the tracker said of each grasp but for its pose.
 fn told(corrected: Corrected, steps: &[Step]) -> Corrected {
     let told = corrected.steps.into_iter().zip(steps);
-    let steps = told.map(|(corrected, step)| step.at(corrected.pose, corrected.covariance));
+    let steps = told.map(|(corrected, step)| step.at(corrected.pose, corrected.covariance, true));
     Corrected { steps: steps.collect(), ..corrected }
 }
 

@@ -2,6 +2,7 @@
 
 use nalgebra::{Const, DimMin, Matrix3, Matrix6, SMatrix};
 use rayon::prelude::*;
+use tactile_core::track::Status;
 
 use super::alias::restart;
 use super::average::{Averaged, averaged};
@@ -19,7 +20,8 @@ use super::tangent::{Face, six_by_six};
 use crate::log::GraspLog;
 use crate::model::faces::{self, Faces, Owner};
 use crate::reference::Contact;
-use crate::slam::place::{doubt, place};
+use crate::slam::choose::only;
+use crate::slam::place::{Placed, doubt, place};
 use crate::slam::track::Step;
 use crate::space::{Point, Pose};
 
@@ -112,13 +114,19 @@ impl Corrected {
     /// `None` without faces. A second fit to the contacts would know less: what a grasp's contacts have
     /// in common, and which faces are parallel or square, is lost in them.
     pub fn shape(&self, log: &GraspLog) -> Option<Faces> {
-        let placed: Vec<Contact> =
-            place(log, &self.relative()).into_iter().map(|p| p.contact).collect();
-        self.explaining(log.dimension, &placed)
+        let relative = self.relative();
+        // What lost grasps felt has owners, too, and is then left out of both.
+        let all: Vec<Step> =
+            relative.iter().map(|s| Step { status: Status::Tracking, ..s.clone() }).collect();
+        let placed = place(log, &all);
+        let is_placed = |p: &Placed| relative[p.grasp].status != Status::Lost;
+        let is_placed: Vec<bool> = placed.iter().map(is_placed).collect();
+        let contacts: Vec<Contact> = placed.iter().map(|p| p.contact).collect();
+        self.explaining(log.dimension, &contacts, &is_placed)
     }
 
-    /// The faces with all contacts in the object frame; `None` without faces.
-    fn explaining(&self, dimension: usize, placed: &[Contact]) -> Option<Faces> {
+    /// The faces with those of all contacts in the object frame that are marked; `None` without faces.
+    fn explaining(&self, dimension: usize, all: &[Contact], marked: &[bool]) -> Option<Faces> {
         if self.faces.is_empty() {
             return None;
         }
@@ -127,8 +135,8 @@ impl Corrected {
             c.checked()?;
             *owners.next()?
         };
-        let owners: Vec<Option<Owner>> = placed.iter().map(owner).collect();
-        Some(known(dimension, &self.faces, placed, owners))
+        let owners: Vec<Option<Owner>> = all.iter().map(owner).collect();
+        Some(known(dimension, &self.faces, &only(all, marked), only(&owners, marked)))
     }
 
     /// The steps with the covariances of [`Corrected::given_faces`]: to place contacts side by side.
@@ -208,7 +216,7 @@ pub fn held(dimension: usize, contacts: &[Contact]) -> Option<Faces> {
     } else {
         run::<6>(&problem, &[&steps], effort)
     };
-    found?.explaining(dimension, contacts)
+    found?.explaining(dimension, contacts, &vec![true; contacts.len()])
 }
 
 fn run<const D: usize>(
@@ -390,7 +398,11 @@ pub(super) fn corrected<const D: usize>(
         .zip(&marginal)
         .enumerate()
         .map(|(k, (pose, covariance))| match steps.get(k) {
-            Some(before) => before.at(*pose, *covariance),
+            Some(before) => {
+                let is_found = problem.is_found(k, |i| best.labels[i].is_some());
+                before.at(*pose, *covariance, is_found)
+            }
+
             None => Step { covariance: *covariance, ..Step::certain(*pose) },
         })
         .collect();

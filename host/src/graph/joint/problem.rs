@@ -267,6 +267,12 @@ impl Problem {
         sum / count.max(1) as f64
     }
 
+    /// Whether most contacts of a grasp lie where they can be of the object.
+    pub fn is_found(&self, grasp: usize, is_explained: impl Fn(usize) -> bool) -> bool {
+        let count = self.of(grasp).len();
+        2 * self.of(grasp).filter(|i| is_explained(*i)).count() > count
+    }
+
     /// A contact in the object frame.
     pub fn placed(&self, poses: &[Pose], contact: usize) -> Contact {
         let felt = &self.felt[contact];

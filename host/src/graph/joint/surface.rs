@@ -118,7 +118,7 @@ fn run<const D: usize>(
     let before = trajectories.first().copied().unwrap_or_default();
     let poses = best.poses.iter().zip(&covariance).enumerate();
     let steps = poses.map(|(k, (pose, covariance))| match before.get(k) {
-        Some(before) => before.at(*pose, *covariance),
+        Some(before) => before.at(*pose, *covariance, problem.is_found(k, |i| best.trusted[i])),
         None => Step { covariance: *covariance, ..Step::certain(*pose) },
     });
     Some(Corrected {
