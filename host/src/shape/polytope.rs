@@ -183,15 +183,20 @@ fn built(
     Some(polytope)
 }
 
-/// Planes for sides that were not touched, at the outermost contacts: opposite to those faces on whose
-/// other side no face reaches out as far as contacts do and is turned about the same way, by the cosine of
-/// what makes a `counterpart`.
+/// Planes for sides that were not touched, at the outermost contacts, of which one that lies on no face with others must look
+/// that way: opposite to those faces on whose other side no face reaches out as far as contacts do and is turned about the
+/// same way, by the cosine of what makes a `counterpart`.
 pub fn closures(faces: &Faces, contacts: &[Contact], counterpart: f64) -> Vec<Face> {
     let closure = |face: &Face| {
         let normal = -face.normal;
         let along = |c: &&Contact| normal.dot(&c.point);
-        let outermost = contacts.iter().max_by(|a, b| along(a).total_cmp(&along(b)))?;
-        let innermost = contacts.iter().map(|c| along(&c)).fold(f64::INFINITY, f64::min);
+        let looks = |c: &Contact| c.normal.is_none_or(|felt| felt.dot(&normal) > FACING);
+        let agree =
+            |owner: &Owner| owner.faces().iter().any(|face| faces.faces[*face].contacts > 1);
+        let felt = contacts.iter().zip(&faces.owners);
+        let felt = felt.filter(|(c, o)| o.as_ref().is_some_and(agree) || looks(c)).map(|(c, _)| c);
+        let outermost = felt.clone().max_by(|a, b| along(a).total_cmp(&along(b)))?;
+        let innermost = felt.map(|c| along(&c)).fold(f64::INFINITY, f64::min);
         let offset = along(&outermost);
         let reached = FAR_SIDE * (offset - innermost) + 4.0 * outermost.point_deviation;
         let opposite =

@@ -161,9 +161,13 @@ pub fn reconstruct_known(
     let free = free(log, steps);
     let shape = match faces {
         None => shape(log.dimension, &all, &free, Poses::of(steps), choice, progress)?,
-        Some(faces) => with_normals(log.dimension, &all, &free, |all| {
-            of_known(faces, all, &free, choice, progress)
-        })?,
+        Some(faces) => {
+            let near = sift::near(&all);
+            let faces = Faces { owners: only(&faces.owners, &near), ..faces.clone() };
+            with_normals(log.dimension, &only(&all, &near), &free, |all| {
+                of_known(&faces, all, &free, choice, progress)
+            })?
+        }
     };
     Ok(Reconstruction::new(shape, placed))
 }
@@ -240,13 +244,14 @@ pub fn shape(
     choice: Choice,
     progress: Progress<'_>,
 ) -> Result<Shape, Error> {
+    let near = only(contacts, &sift::near(contacts));
     let shape = |contacts: &[Contact]| {
         if choice == Choice::Auto && poses == Poses::Known {
             return among_wild(dimension, contacts, free, poses, progress);
         }
         shape_of(dimension, Felt::believed(contacts, free), &|| None, poses, choice, progress)
     };
-    with_normals(dimension, contacts, free, shape)
+    with_normals(dimension, &near, free, shape)
 }
 
 /// The `shape` of contacts that get the likeliest normals where they felt none ([`bare`]). Where that is no

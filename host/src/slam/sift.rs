@@ -15,9 +15,11 @@ use crate::reference::{Contact, Mean, Prior};
 use crate::space::Point;
 
 mod convex;
+mod far;
 mod smooth;
 
 pub use convex::beside_convex;
+pub use far::near;
 
 /// χ² of a contact on the body, with what no body fits exactly, from which on it is wild.
 const STRANGE: f64 = 16.0;
