@@ -135,6 +135,7 @@ impl<'a, S: Space> GraspView<'a, S> {
     }
 
     /// The mean of the usable contacts' places; `None` without any.
+    #[inline(never)]
     pub fn centroid(&self) -> Option<S::Vector> {
         let (mut sum, mut count) = (S::Vector::ZERO, 0.0);
         for contact in self.usable() {

@@ -288,7 +288,7 @@ impl Pose<Spatial> for SpatialPose {
         self.translation
     }
 
-    #[inline]
+    #[inline(never)]
     fn compose(&self, other: &Self) -> Self {
         let (v, s) = Self::multiply((self.vector, self.scalar), (other.vector, other.scalar));
         // One Newton step back to unit length, as rounding lets products drift.

@@ -64,6 +64,7 @@ impl<
     }
 
     /// Centroid of a hypothesis' contacts before grasp `new`, object frame.
+    #[inline(never)]
     pub(super) fn middle(&self, parent: usize, new: usize) -> S::Vector {
         let (mut sum, mut count) = (S::Vector::ZERO, 0.0);
         for (grasp, pose) in self.memory.grasps()[..new].iter().zip(&self.hypotheses[parent].poses)

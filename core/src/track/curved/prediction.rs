@@ -41,14 +41,15 @@ impl<
 
     /// Motion has a second, rare component: the object slipped who knows how far. One that is touched far from
     /// there was put where it is touched; the log density of that, over one that it slipped.
+    #[inline(never)]
     pub(super) fn slip(&mut self, grasp: &GraspView<'_, S>) -> f32 {
         let unknown = self.settings.unknown;
         self.widen(&unknown);
         self.slipped = true;
         let Some(last) = self.memory.grasps().len().checked_sub(1) else { return 0.0 };
-        let predicted = self.pending.motion.compose(&self.hypotheses[0].poses[last]);
         let Some(felt) = grasp.centroid() else { return 0.0 };
-        let off = felt - predicted.transform(self.middle(0, last + 1));
+        let before = self.hypotheses[0].poses[last].transform(self.middle(0, last + 1));
+        let off = felt - self.pending.motion.transform(before);
         let far = off.norm() / (2.0 * unknown.translation);
         if !(far > 1.0) {
             return 0.0;
