@@ -154,7 +154,8 @@ pub fn reconstruct_known(
     progress: Progress<'_>,
 ) -> Result<Reconstruction, Error> {
     let placed = place(log, steps);
-    let all: Vec<Contact> = placed.iter().map(|p| p.contact).collect();
+    let near = sift::near(&placed);
+    let all: Vec<Contact> = only(&placed, &near).iter().map(|p| p.contact).collect();
     if all.is_empty() {
         return Err(Error::NoContacts);
     }
@@ -162,9 +163,8 @@ pub fn reconstruct_known(
     let shape = match faces {
         None => shape(log.dimension, &all, &free, Poses::of(steps), choice, progress)?,
         Some(faces) => {
-            let near = sift::near(&all);
             let faces = Faces { owners: only(&faces.owners, &near), ..faces.clone() };
-            with_normals(log.dimension, &only(&all, &near), &free, |all| {
+            with_normals(log.dimension, &all, &free, |all| {
                 of_known(&faces, all, &free, choice, progress)
             })?
         }
@@ -244,14 +244,13 @@ pub fn shape(
     choice: Choice,
     progress: Progress<'_>,
 ) -> Result<Shape, Error> {
-    let near = only(contacts, &sift::near(contacts));
     let shape = |contacts: &[Contact]| {
         if choice == Choice::Auto && poses == Poses::Known {
             return among_wild(dimension, contacts, free, poses, progress);
         }
         shape_of(dimension, Felt::believed(contacts, free), &|| None, poses, choice, progress)
     };
-    with_normals(dimension, &near, free, shape)
+    with_normals(dimension, contacts, free, shape)
 }
 
 /// The `shape` of contacts that get the likeliest normals where they felt none ([`bare`]). Where that is no
