@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::Error;
 use super::terminal::{say, warn};
+use super::{Error, normals};
 use crate::log::GraspLog;
 use crate::log::inspection::inspect_recording;
 
@@ -58,6 +58,9 @@ pub fn inspect_log(file: &Path, json: bool) -> Result<(), Error> {
         say(format_args!("{}\n{}", file.display(), summary.text().trim_end()))?;
         courses::of_log(&log).iter().try_for_each(say)
     }?;
+    if let Some(doubt) = normals::doubt(&log) {
+        warn(format_args!("{}: {doubt}", file.display()));
+    }
     let Some((error, count)) = damage else { return Ok(()) };
     let lines = if count == 1 { "1 line is".into() } else { format!("{count} lines are") };
     warn(format_args!("{}: {lines} left out of this", file.display()));

@@ -10,6 +10,7 @@ pub mod import;
 pub mod inspect;
 pub mod live;
 pub mod localize;
+mod normals;
 pub mod optimize;
 pub mod replay;
 pub mod reproduce;

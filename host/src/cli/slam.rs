@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 
 use crate::cli::bundled::Bundled;
 use crate::cli::terminal::{Progress, say, tell, tell_report, warn};
-use crate::cli::{Error, browser, files, units};
+use crate::cli::{Error, browser, files, normals, units};
 use crate::graph;
 use crate::log::{GraspLog, TrueShape};
 use crate::shape::Geometry;
@@ -113,6 +113,9 @@ impl Input {
         };
         reconstruct::check(&log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
         check_folder(out).map_err(Error::input)?;
+        if let Some(doubt) = normals::doubt(&log) {
+            warn(format_args!("{name}: {doubt}"));
+        }
         Ok(Input { log, name, truth })
     }
 

@@ -174,6 +174,30 @@ fn lengths_without_their_unit_are_doubted() {
 }
 
 #[test]
+fn normals_that_point_inwards_are_doubted() {
+    let place = Place::new();
+    place.tactile("simulate --object rectangle:0.12x0.06 --grasps 3 --seed 3 -o out.jsonl").done();
+    let log = std::fs::read_to_string(place.at("out.jsonl")).unwrap();
+    let mut turned = String::new();
+    for line in log.lines() {
+        let mut line: serde_json::Value = serde_json::from_str(line).unwrap();
+        for contact in line["contacts"].as_array_mut().into_iter().flatten() {
+            for x in contact["normal"].as_array_mut().into_iter().flatten() {
+                *x = (-x.as_f64().unwrap()).into();
+            }
+        }
+        writeln!(turned, "{line}").unwrap();
+    }
+    place.put("in.jsonl", turned);
+    for (log, is_doubted) in [("out", false), ("in", true)] {
+        for line in [format!("inspect {log}.jsonl"), format!("slam {log}.jsonl --poses truth")] {
+            let run = place.tactile(&line).done();
+            assert_eq!(run.err.contains("out of the object"), is_doubted, "{line}: {}", run.err);
+        }
+    }
+}
+
+#[test]
 fn a_damaged_log_shows_what_is_sound_and_fails() {
     let place = Place::new();
     place.tactile("simulate --object hexagon:0.05 --grasps 3 -o a.jsonl").done();
