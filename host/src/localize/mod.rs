@@ -26,6 +26,7 @@ mod tests;
 
 use crate::reference::Contact;
 use crate::shape::Mesh;
+use crate::shape::symmetry::Symmetry;
 use crate::space::{Point, Pose};
 
 pub use exact::Exact;
@@ -170,7 +171,8 @@ pub fn localize(
     let (exact, grid) = surfaces(model)?;
     let mut proposals = Proposals::new(model, evidence.radius, settings.seed);
     let found = search::search(&grid, &evidence, &mut proposals, settings);
-    let (weighed, misfit) = modes::modes(&grid, &exact, &evidence, found.candidates);
+    let symmetry = symmetry(model, &exact, contacts);
+    let (weighed, misfit) = modes::modes(&grid, &exact, &evidence, &symmetry, found.candidates);
     let mode = |m: &modes::Weighed| mode(&exact, &evidence, m);
     let best = weighed.first().ok_or(LocalizeError::NoArea)?;
     Ok(Localization {
@@ -178,7 +180,7 @@ pub fn localize(
         freedoms: freedom::freedoms(&exact, &evidence, &best.seen, misfit),
         misfit,
         drawn: found.drawn,
-        more: weighed.len() >= modes::MOST,
+        more: weighed.len() + symmetry.motions().count() > modes::MOST,
     })
 }
 
@@ -220,6 +222,18 @@ fn surfaces(model: &Mesh) -> Result<(Exact, Grid), LocalizeError> {
     let faces = faces(model);
     let (exact, grid) = rayon::join(|| Exact::new(faces.clone()), || Grid::new(&faces));
     Ok((exact.ok_or(LocalizeError::NoArea)?, grid))
+}
+
+/// What maps the model to itself, beyond what any contact can tell.
+fn symmetry(model: &Mesh, exact: &Exact, contacts: &[Contact]) -> Symmetry {
+    let closest = |p: &Point| {
+        let near = exact.near(p);
+        p - near.gradient * near.distance
+    };
+    let symmetry = Symmetry::exact(model, &closest);
+    // An open sheet may come to lie on itself with its normals on the other side.
+    let is_blind = || contacts.iter().all(|c| c.normal.is_none()) || model.is_watertight();
+    if symmetry.order() == Some(1) || is_blind() { symmetry } else { Symmetry::none() }
 }
 
 fn mode(exact: &Exact, evidence: &Evidence, found: &modes::Weighed) -> Mode {

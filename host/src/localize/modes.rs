@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::likelihood::Evidence;
 use super::search::{Candidate, apart, best_first, descend, distinct};
 use super::{Exact, Surface};
+use crate::shape::symmetry::Symmetry;
 use crate::space::{Point, Pose};
 
 /// Optima less likely than the best by more than this are no modes, nats.
@@ -50,6 +51,7 @@ pub(super) fn modes<S: Surface>(
     grid: &S,
     exact: &Exact,
     evidence: &Evidence,
+    symmetry: &Symmetry,
     mut optima: Vec<Candidate>,
 ) -> (Vec<Weighed>, f64) {
     best_first(&mut optima);
@@ -57,15 +59,17 @@ pub(super) fn modes<S: Surface>(
     let misfit = evidence.misfit(grid, &best.seen);
     // The grid is coarse: twice the window, until the exact surface has its say.
     within(&mut optima, 2.0 * WINDOW * misfit);
-    optima = separate(grid, evidence, &optima, misfit);
+    // Each image by itself: where optima crowd, one image's search may have found the best.
+    optima = separate(grid, evidence, &Symmetry::none(), &optima, misfit);
     optima = refined(exact, evidence, &optima);
     let Some(best) = optima.first() else { return (Vec::new(), 1.0) };
     let misfit = evidence.misfit(exact, &best.seen);
     within(&mut optima, WINDOW * misfit);
-    complete(grid, exact, evidence, &mut optima, misfit);
+    complete(grid, exact, evidence, symmetry, &mut optima, misfit);
     within(&mut optima, WINDOW * misfit);
-    let apart = separate(grid, evidence, &optima, misfit);
-    (weighed(exact, evidence, &apart, misfit), misfit)
+    let apart = separate(grid, evidence, symmetry, &optima, misfit);
+    let weighed = weighed(exact, evidence, &apart, misfit);
+    (everywhere(exact, evidence, symmetry, &weighed, misfit), misfit)
 }
 
 /// One optimum that has all the weight.
@@ -91,12 +95,13 @@ fn refined(exact: &Exact, evidence: &Evidence, optima: &[Candidate]) -> Vec<Cand
     refined
 }
 
-/// The optima of a symmetric object come in groups: what takes one of the best to another is tried
+/// The optima of a nearly symmetric object come in groups: what takes one of the best to another is tried
 /// on all, until nothing new is found.
 fn complete<S: Surface>(
     grid: &S,
     exact: &Exact,
     evidence: &Evidence,
+    symmetry: &Symmetry,
     optima: &mut Vec<Candidate>,
     misfit: f64,
 ) {
@@ -118,7 +123,9 @@ fn complete<S: Surface>(
         }
         for generator in &generators {
             let seen = generator * from.seen;
-            let known = |c: &Candidate| apart(evidence, &c.seen, &seen) < 0.05 * evidence.radius;
+            // An image that is surely one need not be looked for.
+            let beside = |a: &Pose, b: &Pose| nearest(evidence, symmetry, a, b).1;
+            let known = |c: &Candidate| beside(&c.seen, &seen) < 0.05 * evidence.radius;
             if optima.iter().any(known) || optima.len() >= MOST {
                 continue;
             }
@@ -127,7 +134,7 @@ fn complete<S: Surface>(
                 continue;
             }
             let found = descend(exact, evidence, &seen, 1.0, STEPS);
-            let known = |c: &Candidate| apart(evidence, &c.seen, &found.seen);
+            let known = |c: &Candidate| beside(&c.seen, &found.seen);
             if found.nats <= best.nats + WINDOW * misfit
                 && optima.iter().all(|c| known(c) > 0.05 * evidence.radius)
             {
@@ -137,31 +144,37 @@ fn complete<S: Surface>(
     }
 }
 
-/// One optimum, the best, of each set that no barrier parts. Each is tried with the
-/// [`NEIGHBOURS`] nearest before it.
+/// One optimum, the best, of each set that no barrier parts, images of one another taken for one. Each is
+/// tried with the [`NEIGHBOURS`] nearest before it that are not of its set yet.
 fn separate<S: Surface>(
-    grid: &S,
+    surface: &S,
     evidence: &Evidence,
+    symmetry: &Symmetry,
     optima: &[Candidate],
     misfit: f64,
 ) -> Vec<Candidate> {
-    // The grid's own errors must not look like barriers: ways are compared with their ends on it.
-    let ends: Vec<f64> = optima.iter().map(|c| evidence.nats(grid, &c.seen, 1.0)).collect();
+    // A grid's own errors must not look like barriers: ways are compared with their ends on it.
+    let ends: Vec<f64> = optima.iter().map(|c| evidence.nats(surface, &c.seen, 1.0)).collect();
     let mut group: Vec<usize> = (0..optima.len()).collect();
     for b in 0..optima.len() {
-        let distance = |a: usize| apart(evidence, &optima[a].seen, &optima[b].seen);
-        let mut before: Vec<(f64, usize)> = (0..b).map(|a| (distance(a), a)).collect();
-        before.sort_by(|a, b| a.0.total_cmp(&b.0));
-        for (far, a) in before.into_iter().take(NEIGHBOURS) {
+        let image = |a: usize| nearest(evidence, symmetry, &optima[b].seen, &optima[a].seen);
+        let mut before: Vec<(usize, (Pose, f64))> = (0..b).map(|a| (a, image(a))).collect();
+        before.sort_by(|(_, a), (_, b)| a.1.total_cmp(&b.1));
+        let mut tried = 0;
+        for (a, (there, far)) in before {
             if group[a] == group[b] {
                 continue;
             }
+            if tried == NEIGHBOURS {
+                break;
+            }
+            tried += 1;
             let allowed = ends[a].max(ends[b]) + BARRIER * misfit;
             let stations = 2 + (far / (STRIDE * evidence.radius)) as usize;
             let open = (1..stations).all(|k| {
                 let part = k as f64 / stations as f64;
-                let seen = between(evidence, &optima[a].seen, &optima[b].seen, part);
-                evidence.nats(grid, &seen, 1.0) <= allowed
+                let seen = between(evidence, &there, &optima[b].seen, part);
+                evidence.nats(surface, &seen, 1.0) <= allowed
             });
             if open {
                 let (keep, gone) = (group[a].min(group[b]), group[a].max(group[b]));
@@ -172,6 +185,40 @@ fn separate<S: Surface>(
     // Groups are named after their first member, which is their best.
     let first = |(k, _): &(usize, &Candidate)| group[*k] == *k;
     optima.iter().enumerate().filter(first).map(|(_, c)| *c).collect()
+}
+
+/// The image of `b` that is nearest to `a`, and how far from it.
+fn nearest(evidence: &Evidence, symmetry: &Symmetry, a: &Pose, b: &Pose) -> (Pose, f64) {
+    let turn = symmetry.nearest(&(a.rotation * b.rotation.inverse()));
+    let image = symmetry.motion(&turn) * b;
+    (image, apart(evidence, a, &image))
+}
+
+/// Each mode in all its images, as heavy as itself: no contact tells them apart, and none has to be found.
+/// Those that no barrier parts are one, as all of a ball's. Of equal ones the least turned comes first.
+fn everywhere(
+    exact: &Exact,
+    evidence: &Evidence,
+    symmetry: &Symmetry,
+    modes: &[Weighed],
+    misfit: f64,
+) -> Vec<Weighed> {
+    let mut everywhere = Vec::new();
+    for mode in modes {
+        let image = |motion: Pose| Candidate { seen: motion * mode.seen, nats: 0.0 };
+        let images: Vec<Candidate> = symmetry.motions().map(image).collect();
+        let mut apart = separate(exact, evidence, &Symmetry::none(), &images, misfit);
+        // All of a mode's images, or none.
+        if !everywhere.is_empty() && everywhere.len() + apart.len() > MOST {
+            break;
+        }
+        let turn = |c: &Candidate| c.seen.rotation.angle();
+        apart.sort_by(|a, b| turn(a).total_cmp(&turn(b)));
+        everywhere.extend(apart.iter().map(|c| Weighed { seen: c.seen, ..*mode }));
+    }
+    let total: f64 = everywhere.iter().map(|m: &Weighed| m.weight).sum();
+    everywhere.iter_mut().for_each(|m| m.weight /= total);
+    everywhere
 }
 
 /// The pose a part of the way from `a` to `b`: the centre moves straight, turning evenly.

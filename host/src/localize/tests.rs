@@ -4,8 +4,10 @@ use nalgebra::{Point3, Quaternion, UnitQuaternion};
 use proptest::prelude::*;
 
 use super::*;
+use crate::shape::Geometry;
 use crate::shape::mesh::tests::cuboid;
 use crate::sim::random::Random;
+use crate::sim::{ObjectSpec, Options, Touch, simulate};
 
 /// Quick enough for a debug build.
 const QUICK: Settings = Settings { seed: 1, rounds: 1, optima: 96 };
@@ -93,6 +95,71 @@ fn a_cube_has_its_24_rotations() {
     for (k, a) in found.modes.iter().enumerate() {
         let turn = |b: &Mode| a.pose.rotation.angle_to(&b.pose.rotation);
         assert!(found.modes[..k].iter().all(|b| turn(b) > 1.0));
+    }
+}
+
+/// A simulated object and what was felt of it, with errors.
+fn simulated(object: &str, contacts: usize, seed: u64) -> (Mesh, Vec<Contact>) {
+    let object: ObjectSpec = object.parse().unwrap();
+    let (grasps, touch) = (Some(1), Touch::Uniform);
+    let options = Options { grasps, contacts, touch, seed, ..Options::new(object) };
+    let simulated = simulate(&options).unwrap();
+    let Geometry::Mesh(mesh) = simulated.geometry else { panic!("expected a mesh") };
+    (mesh, contacts::from_log(&simulated.log, contacts::Fixed::No).unwrap())
+}
+
+/// Errors put several optima beside one another, of which each image used to be left with another.
+#[test]
+fn images_of_a_symmetric_object_weigh_the_same_and_none_is_missing() {
+    for (object, count, seed, images) in [
+        ("box:0.12x0.06x0.04", 40, 3, 4),
+        ("box:0.12x0.06x0.04", 40, 6, 4),
+        ("box:0.12x0.06x0.04", 14, 5, 4),
+        ("cylinder:0.06x0.1", 10, 6, 2),
+    ] {
+        let (mesh, contacts) = simulated(object, count, seed);
+        for seed in [0, 1] {
+            let found = localize(&mesh, &contacts, &Settings { seed, ..QUICK }).unwrap();
+            let weights: Vec<f64> = found.modes.iter().map(|m| m.weight).collect();
+            assert_eq!(weights.len() % images, 0, "{object} {weights:?}");
+            for same in weights.chunks(images) {
+                let unequal = same.iter().any(|w| (w - same[0]).abs() > 1e-3 * same[0]);
+                assert!(!unequal, "{object} {weights:?}");
+            }
+            let first = &found.modes[..images];
+            for (k, a) in first.iter().enumerate() {
+                let turn = |b: &Mode| a.pose.rotation.angle_to(&b.pose.rotation);
+                assert!(first[..k].iter().all(|b| turn(b) > 3.0), "{object} {first:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_only_nearly_symmetric_is_weighed_by_its_likelihood() {
+    let cube = cuboid([0.06, 0.04, 0.02]);
+    let wider = |v: &Point| Point::new(v.x, v.y * (1.0 + 0.6 * v.x), v.z);
+    let vertices = cube.vertices().iter().map(wider).collect();
+    let mesh = Mesh::new(vertices, cube.triangles().to_vec()).unwrap();
+    let truth = pose([0.1, 0.2, 0.3], [-1.0, 0.4, 2.0]);
+    let contacts = touched(&mesh, &truth, 30, 3e-4, false);
+    let modes = localize(&mesh, &contacts, &QUICK).unwrap().modes;
+    // Turned about its length, it is the same.
+    let along = modes[0].pose.rotation.inverse() * truth.rotation * Point::x();
+    assert!(modes.len() >= 2 && along.x > 0.99, "{modes:?}");
+    assert!((modes[0].weight - modes[1].weight).abs() < 1e-3, "{modes:?}");
+    assert!(modes.iter().skip(2).all(|m| m.weight < 0.8 * modes[0].weight), "{modes:?}");
+}
+
+#[test]
+fn a_sheet_felt_from_one_side_lies_on_one_side() {
+    let corners = [[0.0, 0.0], [0.1, 0.0], [0.1, 0.06], [0.0, 0.06]];
+    let vertices = corners.map(|[x, y]| Point::new(x, y, 0.0)).to_vec();
+    let sheet = Mesh::new(vertices, vec![[0, 1, 2], [0, 2, 3]]).unwrap();
+    let felt = touched(&sheet, &Pose::identity(), 30, 1e-4, true);
+    let found = localize(&sheet, &felt, &QUICK).unwrap();
+    for mode in &found.modes {
+        assert!((mode.pose.rotation * Point::z()).z > 0.9, "{:?}", found.modes);
     }
 }
 

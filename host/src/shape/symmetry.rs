@@ -2,12 +2,15 @@
 
 use nalgebra::{Matrix3, Translation3, Unit, UnitQuaternion, Vector3};
 
-use super::Geometry;
+use super::{Geometry, Mesh};
 use crate::space::{Point, Pose};
 
 /// A turned shape coincides with itself when no point is farther from the surface than this share of
 /// the greatest distance from the centre: what contacts known to a millimetre cannot tell apart.
 const TOLERANCE: f64 = 0.01;
+
+/// The same where only rounding is let pass, that of a circle to a polygon of a hundred sides included.
+const EXACT: f64 = 5e-4;
 
 /// Turns farther off than this share are not worth refining.
 const PROMISING: f64 = 0.2;
@@ -81,13 +84,24 @@ impl Symmetry {
     /// refined until the shape coincides with itself, which finds the groups of prisms, boxes,
     /// regular solids and bodies of revolution. Of nothing, only the identity.
     pub fn of(shape: &Geometry) -> Symmetry {
-        let search = Search::new(shape);
-        let (turns, free) = match shape {
-            _ if search.points.is_empty() => (vec![UnitQuaternion::identity()], Free::None),
-            Geometry::Outline(_) => search.planar(),
-            Geometry::Mesh(_) => search.spatial(shape),
-        };
-        Symmetry { centre: search.centre, turns, free }
+        match shape {
+            Geometry::Mesh(mesh) => {
+                let closest = |p: &Point| mesh.closest(p);
+                Search { refine: true, ..Search::of_mesh(mesh, TOLERANCE, &closest) }.spatial(mesh)
+            }
+            Geometry::Outline(outline) => {
+                let corners = outline.loops.iter().flatten();
+                let vertices = corners.map(|v| Point::new(v[0], v[1], 0.0)).collect();
+                let (centre, closest) = (shape.centroid(), |p: &Point| shape.closest(p));
+                Search::new(centre, vertices, shape.samples(SAMPLES), TOLERANCE, &closest).planar()
+            }
+        }
+    }
+
+    /// Of a mesh, its nearest points told by `closest`, but only turns that map it to itself exactly, and no
+    /// search for better ones: quick, and of what was scanned the identity alone.
+    pub fn exact(mesh: &Mesh, closest: &dyn Fn(&Point) -> Point) -> Symmetry {
+        Search::of_mesh(mesh, EXACT, closest).spatial(mesh)
     }
 
     /// The point that every turn leaves where it is: the centroid, object frame.
@@ -98,6 +112,17 @@ impl Symmetry {
     /// How many turns there are, the identity included; `None` when some are free.
     pub fn order(&self) -> Option<usize> {
         matches!(self.free, Free::None).then_some(self.turns.len())
+    }
+
+    /// The finite part as motions of the shape, identity first.
+    pub fn motions(&self) -> impl Iterator<Item = Pose> {
+        self.turns.iter().map(|turn| self.motion(turn))
+    }
+
+    /// A turn about the centre.
+    pub fn motion(&self, turn: &UnitQuaternion<f64>) -> Pose {
+        let about = Translation3::from(self.centre);
+        about * *turn * about.inverse()
     }
 
     /// The turn of the group that is nearest to `turn`.
@@ -115,9 +140,7 @@ impl Symmetry {
 
     /// What is left of a displacement (object frame) when the turn of the group nearest to it is taken back.
     pub fn rest(&self, displacement: &Pose) -> Pose {
-        let back = self.nearest(&displacement.rotation).inverse();
-        let about = Translation3::from(self.centre);
-        displacement * (about * back * about.inverse())
+        displacement * self.motion(&self.nearest(&displacement.rotation).inverse())
     }
 
     /// How far `turn` is from mapping the shape to itself, radians.
@@ -136,7 +159,8 @@ fn twist(turn: &UnitQuaternion<f64>, axis: &Unit<Vector3<f64>>) -> UnitQuaternio
 }
 
 struct Search<'a> {
-    shape: &'a Geometry,
+    /// On the surface, nearest to a point.
+    closest: &'a dyn Fn(&Point) -> Point,
     centre: Point,
     /// On the surface, about the centre.
     points: Vec<Point>,
@@ -144,83 +168,114 @@ struct Search<'a> {
     vertices: Vec<Point>,
     /// From the centre to the farthest vertex.
     reach: f64,
+    /// Share of the reach that a turned surface may be off itself.
+    tolerance: f64,
+    /// Whether turns that are not quite right are refined.
+    refine: bool,
 }
 
 impl<'a> Search<'a> {
-    fn new(shape: &'a Geometry) -> Self {
-        let centre = shape.centroid();
-        let vertices: Vec<Point> = match shape {
-            Geometry::Outline(o) => {
-                o.loops.iter().flatten().map(|v| Point::new(v[0], v[1], 0.0) - centre).collect()
-            }
-            Geometry::Mesh(m) => {
-                let used = m.triangles().iter().flatten();
-                used.filter_map(|&v| m.vertices().get(v as usize)).map(|v| v - centre).collect()
-            }
-        };
+    fn new(
+        centre: Point,
+        mut vertices: Vec<Point>,
+        samples: Vec<(Point, Point)>,
+        tolerance: f64,
+        closest: &'a dyn Fn(&Point) -> Point,
+    ) -> Self {
+        vertices.iter_mut().for_each(|v| *v -= centre);
         let stride = vertices.len().div_ceil(VERTICES).max(1);
-        let mut points: Vec<Point> =
-            shape.samples(SAMPLES).into_iter().map(|(p, _)| p - centre).collect();
+        let mut points: Vec<Point> = samples.into_iter().map(|(p, _)| p - centre).collect();
         points.extend(vertices.iter().step_by(stride));
         let reach = vertices.iter().map(Vector3::norm).fold(0.0, f64::max);
         // What is not a point is symmetric to nothing.
         if !(reach.is_finite() && reach > 0.0) {
             points.clear();
         }
-        Search { shape, centre, points, vertices, reach }
+        Search { closest, centre, points, vertices, reach, tolerance, refine: false }
+    }
+
+    fn of_mesh(mesh: &Mesh, tolerance: f64, closest: &'a dyn Fn(&Point) -> Point) -> Self {
+        let mut used = vec![false; mesh.vertices().len()];
+        for v in mesh.triangles().iter().flatten() {
+            if let Some(used) = used.get_mut(*v as usize) {
+                *used = true;
+            }
+        }
+        let all = mesh.vertices().iter().zip(used);
+        let vertices = all.filter_map(|(v, used)| used.then_some(*v)).collect();
+        Search::new(mesh.centroid(), vertices, mesh.samples(SAMPLES), tolerance, closest)
+    }
+
+    fn found(self, turns: Vec<UnitQuaternion<f64>>, free: Free) -> Symmetry {
+        Symmetry { centre: self.centre, turns, free }
+    }
+
+    /// From the surface to a point about the centre.
+    fn gap(&self, p: &Point) -> Vector3<f64> {
+        let p = self.centre + p;
+        p - (self.closest)(&p)
     }
 
     /// Whether the turned surface stays within so many reaches of itself.
     fn maps(&self, turn: &UnitQuaternion<f64>, tolerance: f64) -> bool {
         let most = tolerance * self.reach;
-        self.points.iter().all(|p| self.shape.distance(&(self.centre + turn * p)) <= most)
+        self.points.iter().all(|p| self.gap(&(turn * p)).norm() <= most)
     }
 
-    fn planar(&self) -> (Vec<UnitQuaternion<f64>>, Free) {
+    fn planar(self) -> Symmetry {
+        if self.points.is_empty() {
+            return self.found(vec![UnitQuaternion::identity()], Free::None);
+        }
         let about = |angle: f64| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
         if self.is_free(&Vector3::z_axis()) {
-            return (vec![UnitQuaternion::identity()], Free::Axis(Vector3::z_axis()));
+            return self.found(vec![UnitQuaternion::identity()], Free::Axis(Vector3::z_axis()));
         }
         let part = |n: usize| std::f64::consts::TAU / n as f64;
         // All turns of it: those of one that is nearly round are near for small angles alone.
         let is_order =
-            |n: &usize| (1..=n / 2).all(|k| self.maps(&about(k as f64 * part(*n)), TOLERANCE));
+            |n: &usize| (1..=n / 2).all(|k| self.maps(&about(k as f64 * part(*n)), self.tolerance));
         let order = (2..=FINEST).rev().find(is_order).unwrap_or(1);
-        ((0..order).map(|k| about(k as f64 * part(order))).collect(), Free::None)
+        self.found((0..order).map(|k| about(k as f64 * part(order))).collect(), Free::None)
     }
 
     fn is_free(&self, axis: &Unit<Vector3<f64>>) -> bool {
-        GENERIC.iter().all(|a| self.maps(&UnitQuaternion::from_axis_angle(axis, *a), TOLERANCE))
+        GENERIC
+            .iter()
+            .all(|a| self.maps(&UnitQuaternion::from_axis_angle(axis, *a), self.tolerance))
     }
 
-    fn spatial(&self, shape: &Geometry) -> (Vec<UnitQuaternion<f64>>, Free) {
-        let principal = principal_axes(shape, &self.centre);
+    fn spatial(self, mesh: &Mesh) -> Symmetry {
         let identity = UnitQuaternion::identity();
+        if self.points.is_empty() {
+            return self.found(vec![identity], Free::None);
+        }
+        let principal = principal_axes(mesh, &self.centre);
         let free: Vec<_> = principal.into_iter().filter(|axis| self.is_free(axis)).collect();
         match free[..] {
             [] => (),
             [axis] => {
                 let across = Unit::new_normalize(axis.cross(&Vector3::ith(axis.iamin(), 1.0)));
                 let flip = UnitQuaternion::from_axis_angle(&across, std::f64::consts::PI);
-                let both = self.maps(&flip, TOLERANCE);
+                let both = self.maps(&flip, self.tolerance);
                 let turns = if both { vec![identity, flip] } else { vec![identity] };
-                return (turns, Free::Axis(axis));
+                return self.found(turns, Free::Axis(axis));
             }
-            _ => return (vec![identity], Free::All),
+            _ => return self.found(vec![identity], Free::All),
         }
         let mut group = vec![identity];
         for axis in principal.into_iter().chain(self.corner_axes()) {
             for n in 2..=FINEST_IN_SPACE {
                 let turn = UnitQuaternion::from_axis_angle(&axis, std::f64::consts::TAU / n as f64);
-                if is_new(&group, &turn) && self.maps(&turn, PROMISING) {
-                    let turn = self.refined(turn);
-                    if is_new(&group, &turn) && self.maps(&turn, TOLERANCE) {
+                let first = if self.refine { PROMISING } else { self.tolerance };
+                if is_new(&group, &turn) && self.maps(&turn, first) {
+                    let turn = if self.refine { self.refined(turn) } else { turn };
+                    if is_new(&group, &turn) && self.maps(&turn, self.tolerance) {
                         group.push(turn);
                     }
                 }
             }
         }
-        (closed(group), Free::None)
+        self.found(closed(group), Free::None)
     }
 
     /// Directions of the farthest corners and of the middles between two of them; none where many
@@ -256,7 +311,7 @@ impl<'a> Search<'a> {
             let (mut square, mut right) = (Matrix3::zeros(), Vector3::zeros());
             for p in &self.points {
                 let moved = turn * p;
-                let gap = moved - (self.shape.closest(&(self.centre + moved)) - self.centre);
+                let gap = self.gap(&moved);
                 let distance = gap.norm();
                 if distance > 1e-12 {
                     let row = moved.cross(&(gap / distance));
@@ -297,17 +352,15 @@ fn closed(mut group: Vec<UnitQuaternion<f64>>) -> Vec<UnitQuaternion<f64>> {
 }
 
 /// Principal axes of the surface about `centre`, from its exact second moments.
-fn principal_axes(shape: &Geometry, centre: &Point) -> [Unit<Vector3<f64>>; 3] {
+fn principal_axes(mesh: &Mesh, centre: &Point) -> [Unit<Vector3<f64>>; 3] {
     let mut moments = Matrix3::zeros();
-    if let Geometry::Mesh(mesh) = shape {
-        for t in mesh.triangles() {
-            let corners = t.map(|v| mesh.vertices()[v as usize] - centre);
-            let [a, b, c] = corners;
-            let area = (b - a).cross(&(c - a)).norm() / 2.0;
-            let sum = a + b + c;
-            let own: Matrix3<f64> = corners.iter().map(|p| p * p.transpose()).sum();
-            moments += (own + sum * sum.transpose()) * (area / 12.0);
-        }
+    for t in mesh.triangles() {
+        let corners = t.map(|v| mesh.vertices()[v as usize] - centre);
+        let [a, b, c] = corners;
+        let area = (b - a).cross(&(c - a)).norm() / 2.0;
+        let sum = a + b + c;
+        let own: Matrix3<f64> = corners.iter().map(|p| p * p.transpose()).sum();
+        moments += (own + sum * sum.transpose()) * (area / 12.0);
     }
     let axes = moments.symmetric_eigen().eigenvectors;
     [0, 1, 2].map(|i| Unit::new_normalize(axes.column(i).into_owned()))
@@ -363,6 +416,26 @@ mod tests {
             ("sphere:0.08", None),
         ] {
             assert_eq!(Symmetry::of(&geometry(text)).order(), order, "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_nearly_symmetric_is_not_exactly() {
+        let order = |mesh: &Mesh| Symmetry::exact(mesh, &|p| mesh.closest(p)).order();
+        for (text, expected) in [
+            ("box:0.12x0.06x0.05", Some(4)),
+            ("box:0.06x0.06x0.06", Some(24)),
+            ("lshape:0.09x0.09x0.035x0.05", Some(2)),
+            ("ellipsoid:0.12x0.08x0.06", Some(4)),
+            ("cylinder:0.06x0.1", None),
+        ] {
+            let Geometry::Mesh(mesh) = geometry(text) else { panic!("{text}") };
+            assert_eq!(order(&mesh), expected, "{text}");
+            // Wider at one end, by some tenths of a millimetre.
+            let wider = |v: &Point| Point::new(v.x, v.y * (1.0 + 0.1 * v.x), v.z);
+            let vertices = mesh.vertices().iter().map(wider).collect();
+            let mesh = Mesh::new(vertices, mesh.triangles().to_vec()).unwrap();
+            assert!(order(&mesh) != expected, "{text}");
         }
     }
 
