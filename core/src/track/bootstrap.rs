@@ -143,16 +143,16 @@ impl<S: Space, M: Map<S>, const PARTICLES: usize> Bootstrap<S, M, PARTICLES> {
         }
     }
 
-    /// Moves every particle as the hand meant to, and then some. A lost object may be anywhere: for every second
-    /// particle its middle is where the contacts' is, for a hand closes about it.
+    /// Moves every particle as the hand meant to, and then some. A lost object may be anywhere: a hand closes about it,
+    /// so that its middle is where the contacts' is.
     fn predict(&mut self, motion: Option<&S::Pose>, grasp: &GraspView<'_, S>) {
         let elsewhere = grasp.centroid().filter(|_| self.lost > 0);
         let running = self.running.get_or_insert_with(|| Running::new(Settings::DEFAULT));
         let motion = motion.filter(|m| is_plausible::<S>(m));
         let noise = running.motion.of(motion.is_some()).after_losing(self.lost);
-        for (number, pose) in self.particles.poses_mut().iter_mut().enumerate() {
+        for pose in self.particles.poses_mut() {
             let mut moved = motion.map_or(*pose, |m| m.compose(pose));
-            if let Some(felt) = elsewhere.filter(|_| !number.is_multiple_of(2)) {
+            if let Some(felt) = elsewhere {
                 let off = felt - moved.transform(self.middle);
                 moved = S::Pose::from_translation(off).compose(&moved);
             }

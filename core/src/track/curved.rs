@@ -327,12 +327,11 @@ impl<
         let kept = self.memory.grasps().last().map_or(0, |last| last.touches().len());
         let (nowhere, exact) = (all_wild(grasp, 0..kept), all_short_by(grasp, 0..kept, 0.0));
         self.evidence += all_wild(grasp, kept..contacts);
-        let mut expected = self.pending.motion;
+        let expected = self.pending.motion;
         let mut density = math::ln(1.0 - SLIP) + self.branch(grasp);
         if !self.is_found(density, nowhere, exact) {
             self.memory.pop();
             self.rank();
-            expected = self.pending.motion;
             let odds = self.slip(grasp);
             self.memory.push(self.grasps, self.pending, grasp);
             self.lay_part(0, self.memory.grasps().len().saturating_sub(1));
