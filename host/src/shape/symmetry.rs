@@ -195,14 +195,9 @@ impl<'a> Search<'a> {
     }
 
     fn of_mesh(mesh: &Mesh, tolerance: f64, closest: &'a dyn Fn(&Point) -> Point) -> Self {
-        let mut used = vec![false; mesh.vertices().len()];
-        for v in mesh.triangles().iter().flatten() {
-            if let Some(used) = used.get_mut(*v as usize) {
-                *used = true;
-            }
-        }
-        let all = mesh.vertices().iter().zip(used);
-        let vertices = all.filter_map(|(v, used)| used.then_some(*v)).collect();
+        // Triangle by triangle, so that the few that are looked at lie all over it.
+        let used = mesh.triangles().iter().flatten();
+        let vertices = used.filter_map(|v| mesh.vertices().get(*v as usize)).copied().collect();
         Search::new(mesh.centroid(), vertices, mesh.samples(SAMPLES), tolerance, closest)
     }
 

@@ -49,7 +49,13 @@ fn many_contacts_leave_as_open_what_nobody_touched_as_few_do() {
     let (_, experts) = fit_experts(2, &contacts).unwrap();
     let (_, own) = extract(2, &experts, &contacts).unwrap();
     let doubt = open_beside(2, &contacts, &free).unwrap();
-    let expected = doubt.widened(&whole.geometry.vertices(), &own);
+    let doubted = doubt.widened(&whole.geometry.vertices(), &own);
+    let open = Open::of(&contacts);
+    let places = whole.geometry.vertices().into_iter().zip(whole.geometry.normals());
+    let open: Vec<f64> = places.map(|(vertex, normal)| open.deviation(&vertex, &normal)).collect();
+    // The flat side of the half circle looks a way that no contact does.
+    assert!(open.contains(&0.0) && open.iter().any(|open| *open > 0.01));
+    let expected: Vec<f64> = doubted.iter().zip(&open).map(|(a, b)| a.hypot(*b)).collect();
     assert!(whole.deviations.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-12));
     let farthest = |all: &[f64]| all.iter().copied().fold(0.0, f64::max);
     assert!(farthest(&whole.deviations) > 1.05 * farthest(&own), "{}", farthest(&own));

@@ -25,7 +25,7 @@ pub fn near(placed: &[Placed]) -> Vec<bool> {
     let mut distances: Vec<f64> = usable.iter().map(|p| (p - middle).norm()).collect();
     distances.sort_by(f64::total_cmp);
     let count = distances.len();
-    let first = (1..=MOST).filter(|far| count >= far + far * OTHERS).find_map(|far| {
+    let first = (1..=MOST).rev().filter(|far| count >= far + far * OTHERS).find_map(|far| {
         let (others, first) = (distances[count - far - 1], distances[count - far]);
         (first > FAR * others).then_some(first)
     });
