@@ -12,7 +12,6 @@ use super::arrangement::{Arrangement, Facet};
 use super::boundary::{self, Side};
 use super::min_cut::Graph;
 use super::{Field, Geometry};
-
 use crate::model::faces::{Face, Faces, Owner};
 use crate::model::{Doubt, Open};
 use crate::reference::Contact;
@@ -183,9 +182,10 @@ fn built(
     Some(polytope)
 }
 
-/// Planes for sides that were not touched, at the outermost contacts, of which one that lies on no face with others must look
-/// that way: opposite to those faces on whose other side no face reaches out as far as contacts do and is turned about the
-/// same way, by the cosine of what makes a `counterpart`.
+/// Planes for sides that were not touched, at the outermost contacts: opposite to those faces on whose
+/// other side no face reaches out as far as contacts do and is turned about the same way, by the cosine of
+/// what makes a `counterpart`. A contact that shares its face with no other may be wild, and is outermost
+/// only where it looks that way.
 pub fn closures(faces: &Faces, contacts: &[Contact], counterpart: f64) -> Vec<Face> {
     let closure = |face: &Face| {
         let normal = -face.normal;

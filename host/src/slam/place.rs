@@ -20,9 +20,9 @@ pub struct Placed {
     pub grasp: usize,
 }
 
-/// The log's contacts in the object frame, but for those of grasps that the tracker lost: where they are, nobody knows.
-/// The doubt about a pose along a contact's normal, and
-/// about its rotation, goes into the contact's deviations, as the core's tracker has it.
+/// The log's contacts in the object frame, but for those of grasps that were lost: where they are, nobody
+/// knows. The doubt about a pose along a contact's normal, and about its rotation, goes into the contact's
+/// deviations, as the core's tracker has it.
 pub fn place(log: &GraspLog, steps: &[Step]) -> Vec<Placed> {
     let mut placed = Vec::new();
     for (grasp, logged, step) in found(log, steps) {
@@ -73,8 +73,8 @@ pub(crate) fn doubt(contact: Contact, covariance: &Matrix6<f64>) -> Contact {
     }
 }
 
-/// Where fingertips of the log touched nothing, in the object frame, with the doubt about the poses as a
-/// [placed](place) contact without a normal has it.
+/// Where fingertips of the log touched nothing in grasps that were not lost, in the object frame, with the
+/// doubt about the poses as a [placed](place) contact without a normal has it.
 pub fn free(log: &GraspLog, steps: &[Step]) -> Vec<Free> {
     let own = usual_deviations(&log.noise).0;
     let mut free = Vec::new();

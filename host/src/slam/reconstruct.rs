@@ -81,7 +81,7 @@ pub struct Reconstruction {
 /// Why there is no reconstruction.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// Not one contact in the log.
+    /// Not one contact in the log, or none but those of lost grasps.
     #[error("no contacts: there is nothing to reconstruct")]
     NoContacts,
     /// The Gaussian process cannot be fitted.
@@ -129,8 +129,8 @@ pub fn check(log: &GraspLog) -> Result<(), Error> {
 /// Places every contact of the log by the steps' poses and reconstructs the object.
 ///
 /// # Errors
-/// Without contacts of grasps that were not lost; when faces are asked for and leave the object open; when a contact has unusable
-/// numbers, or few are too coincident for a dense surface.
+/// Without contacts, those of lost grasps left out; when faces are asked for and leave the object open; when a
+/// contact has unusable numbers, or few are too coincident for a dense surface.
 pub fn reconstruct(
     log: &GraspLog,
     steps: &[Step],

@@ -51,8 +51,8 @@ impl Step {
         }
     }
 
-    /// The same at the pose that all grasps together say. One that had been lost is not, if most of what it felt is where
-    /// the object `is_found` to be.
+    /// The same at the pose that all grasps together say. One that had been lost is so no longer where it
+    /// `is_found`: most of what it felt lies on the object there.
     pub fn at(&self, pose: Pose, covariance: Matrix6<f64>, is_found: bool) -> Self {
         let step = Step { pose, covariance, ..self.clone() };
         if self.status == Status::Lost && is_found {

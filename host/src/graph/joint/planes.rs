@@ -402,7 +402,6 @@ pub(super) fn corrected<const D: usize>(
                 let is_found = problem.is_found(k, |i| best.labels[i].is_some());
                 before.at(*pose, *covariance, is_found)
             }
-
             None => Step { covariance: *covariance, ..Step::certain(*pose) },
         })
         .collect();
