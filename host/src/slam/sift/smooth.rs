@@ -10,17 +10,25 @@ use crate::thin::evenly;
 /// Odds that a contact is no wild one, nats, before it is compared with others: a fifth may be.
 const RARE: f64 = 1.4;
 
+/// Contacts from which on some may be left out: the surface through four others is a guess, and a fifth that it
+/// misses belongs to the part it does not show.
+const LEAST: usize = 10;
+
 /// Deviation of wild contacts from the surface, as a part of the object's radius.
 const FAR: f64 = 0.5;
 
 /// Which contacts belong to an object of which nothing is known but that its surface is smooth: all, or without the few
-/// that are likelier anywhere and of any normal than where the others lead the surface. `None` without contacts, where
-/// they are too many or too coincident for a dense surface, and where those left out are many or agree with one another.
+/// that are likelier anywhere and of any normal than where the others lead the surface. `None` of fewer than [`LEAST`] contacts,
+/// where they are too many or too coincident for a dense surface, and where those left out are many or agree with one
+/// another.
 ///
 /// A surface that is fitted to all follows wild contacts, and its hyper-parameters account for them. So each is
 /// judged by the surface of the others, the strangest goes first, for it makes its neighbours look strange, and the
 /// hyper-parameters are at first what suits most objects and then found from those that are left.
 pub fn beside_surface(dimension: usize, contacts: &[Contact]) -> Option<Vec<bool>> {
+    if contacts.len() < LEAST {
+        return None;
+    }
     let Some(Prior::Ball { radius, .. }) = Prior::fitted(contacts) else { return None };
     let usual = fit::usual(dimension, contacts);
     let of = |amplitude: f64, lengthscale: f64| Kernel::Matern32 { amplitude, lengthscale };
