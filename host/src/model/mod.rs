@@ -14,6 +14,7 @@ pub mod mirror;
 pub mod misfit;
 pub mod notched;
 pub mod open;
+pub mod places;
 
 pub use body::Body;
 pub use doubt::Doubt;

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use crate::experts::{self, Experts};
 use crate::model::body::{Body, Part};
-use crate::model::{Doubt, Faces, misfit};
+use crate::model::{Doubt, Faces, misfit, places};
 use crate::reference::gpis::Error as SurfaceError;
 use crate::reference::hyper::{Belief, Found, Search};
 use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
@@ -20,7 +20,7 @@ use crate::thin::evenly;
 /// Contacts that decide the hyper-parameters at most, and what the process is about; the fit itself
 /// uses all.
 pub(super) const DECIDING: usize = 150;
-const JUDGING: usize = 60;
+const JUDGING: usize = places::MOST;
 
 /// Nats per contact by which a body that does not explain the contacts by itself must still beat the
 /// ball. The likelihood takes what a body leaves for a stationary process; the edges and ends that

@@ -12,6 +12,7 @@ use super::choose::{DOUBT, doubt};
 use super::fit::{exactness, usual};
 use crate::model::body::Body;
 use crate::model::mirror::{Image, Mirror};
+use crate::model::places::{self, places};
 use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
 use crate::shape::Geometry;
 use crate::space::{Point, across};
@@ -22,7 +23,7 @@ use crate::thin::evenly;
 const SURE: f64 = 4.0;
 
 /// Contacts that decide at most, and that starts are compared with.
-const DECIDING: usize = 60;
+const DECIDING: usize = places::MOST;
 const COMPARING: usize = 30;
 
 /// Contacts and images at most: where there are many contacts, images add little and take long.
@@ -95,13 +96,12 @@ impl Mirrored {
     /// Whether the shape made with images is to be believed, too, beside the one that contacts make by themselves.
     ///
     /// Where contacts are as likely to lie anywhere on a surface, each is less so by as much as images make that
-    /// larger: the larger it is, the more contacts would have been felt on what only images show (the size principle of
-    /// Tenenbaum and Griffiths, Behavioral and Brain Sciences 24, 2001). A shape without any size suits nothing.
+    /// larger ([`places`]): the larger it is, the more contacts would have been felt on what only images show. A shape
+    /// without any size suits nothing.
     pub fn suits(&self, mirrored: &Geometry, alone: &Geometry) -> bool {
-        // As many as the evidence is of.
-        let contacts = (self.contacts.len() >> self.mirrors.len()).min(DECIDING);
+        let felt = &self.contacts[..self.contacts.len() >> self.mirrors.len()];
         let (mirrored, alone) = (mirrored.size(), alone.size());
-        let price = contacts as f64 * (mirrored / alone).ln();
+        let price = places(felt) as f64 * (mirrored / alone).ln();
         mirrored > 0.0 && alone > 0.0 && self.evidence - price > SURE
     }
 }

@@ -165,7 +165,7 @@ impl Block {
             let high = outermost(place);
             let low = high.min(-known(Place { way: -place.way, ..place }));
             let side = Side { radius, widening: 0.0, low, high, pointed: 1.0 };
-            let Some((end, deviation)) = side.end(problem.felt().len(), 0.0) else { continue };
+            let Some((end, deviation)) = side.end(problem.places(), 0.0) else { continue };
             if let Some(plane) = problem.placed_plane(self.normal(numbers, place), end) {
                 body.end(plane, deviation * problem.radius());
             }

@@ -7,6 +7,7 @@ use nalgebra::Matrix3;
 
 use super::close::Ray;
 use super::{Body, Plane};
+use crate::model::places::places;
 use crate::reference::Contact;
 use crate::space::Point;
 
@@ -30,7 +31,8 @@ struct Cut {
 /// What a cut is judged by.
 struct Sharp {
     dimension: usize,
-    contacts: usize,
+    /// That were touched.
+    places: usize,
     /// Of the contacts, and how far they reach from there, metres.
     centre: Point,
     reach: f64,
@@ -45,7 +47,7 @@ impl Body {
         let centre = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len().max(1) as f64;
         let reach = contacts.iter().map(|c| (c.point - centre).norm()).fold(0.0, f64::max);
         let rays = self.rays(dimension, &centre);
-        let sharp = Sharp { dimension, contacts: contacts.len(), centre, reach, rays };
+        let sharp = Sharp { dimension, places: places(contacts), centre, reach, rays };
         let planes: Vec<Plane> = self.planes().collect();
         let pairs = planes.iter().enumerate().flat_map(|(i, one)| {
             let others = planes.iter().skip(i + 1);
@@ -79,7 +81,7 @@ impl Sharp {
         let place = |step: u32| {
             let offset = near + (far - near) * (f64::from(step) + 0.5) / f64::from(PLACES);
             let left = area(offset - normal.dot(&self.centre));
-            (offset, (whole / left).ln() * self.contacts as f64)
+            (offset, (whole / left).ln() * self.places as f64)
         };
         let places: Vec<(f64, f64)> = (0..PLACES).map(place).collect();
         // Of many contacts the likelihoods themselves are no numbers.

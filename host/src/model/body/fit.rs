@@ -9,6 +9,7 @@ use super::regular::Regular;
 use super::turned::Turned;
 use super::{Body, Change, Mode, Part, Plane, Quadric};
 use crate::model::Faces;
+use crate::model::places::places;
 use crate::reference::{Contact, Prior};
 use crate::shape::superquadric::{Form, Superquadric};
 use crate::space::Point;
@@ -88,6 +89,8 @@ pub(super) struct Problem {
     centre: Point,
     radius: f64,
     felt: Vec<Felt>,
+    /// That were touched ([`places`]).
+    places: usize,
 }
 
 impl Body {
@@ -253,7 +256,8 @@ impl Problem {
             ),
             exact: (weight(c.point_deviation / radius, 0.0), weight(c.normal_deviation, 0.0)),
         });
-        Some(Problem { dimension, centre, radius, felt: felt.collect() })
+        let places = places(contacts);
+        Some(Problem { dimension, centre, radius, felt: felt.collect(), places })
     }
 
     pub(super) fn dimension(&self) -> usize {
@@ -262,6 +266,11 @@ impl Problem {
 
     pub(super) fn felt(&self) -> &[Felt] {
         &self.felt
+    }
+
+    /// Contacts that say how large the surface is.
+    pub(super) fn places(&self) -> usize {
+        self.places
     }
 
     pub(super) fn radius(&self) -> f64 {

@@ -117,7 +117,7 @@ impl Regular {
         if measured < DECIDED * (measured - body.degrees) {
             return None;
         }
-        let rarity = regular.rarity(fit.parameters(), problem.felt());
+        let rarity = regular.rarity(fit.parameters(), problem);
         let against = 0.5 * fit.cost + rarity;
         let body = regular.ended(body, fit.parameters(), problem);
         against.is_finite().then_some((against, rarity, body))
@@ -263,16 +263,16 @@ impl Regular {
     }
 
     /// How little likely contacts are on a surface as large, and how likely the turn among as few, nats.
-    fn rarity(&self, numbers: &DVector<f64>, felt: &[Felt]) -> f64 {
+    fn rarity(&self, numbers: &DVector<f64>, problem: &Problem) -> f64 {
         let around = self.kind.around();
         let size = if self.dimension == 2 {
             around * numbers[self.turns() + 2]
         } else {
-            let side = self.side(numbers, felt, 1.0);
+            let side = self.side(numbers, problem.felt(), 1.0);
             0.5 * around * side.area(side.high)
         };
         let turn = self.kind.sides as f64 * SHAPE / TAU.sqrt();
-        felt.len() as f64 * size.ln() - turn.ln()
+        problem.places() as f64 * size.ln() - turn.ln()
     }
 
     /// Its sides towards the end along the axis or, where `way` is -1, against it, as those of a round body.
@@ -293,7 +293,7 @@ impl Regular {
                 continue;
             }
             let side = self.side(numbers, problem.felt(), way);
-            let Some((offset, deviation)) = side.end(problem.felt().len(), 0.0) else { continue };
+            let Some((offset, deviation)) = side.end(problem.places(), 0.0) else { continue };
             let normal = self.turned(numbers, self.axes[2] * way);
             if let Some(plane) = problem.placed_plane(normal, offset) {
                 body.end(plane, deviation * problem.radius());

@@ -156,7 +156,7 @@ impl Turned {
             let high = along.fold(f64::NEG_INFINITY, f64::max);
             let side = Side { radius, widening, low, high, pointed: 1.0 };
             let middle = -out.dot(&centre);
-            let Some((end, deviation)) = side.end(problem.felt().len(), middle) else { continue };
+            let Some((end, deviation)) = side.end(problem.places(), middle) else { continue };
             if let Some(plane) = problem.placed_plane(out, end - middle) {
                 body.end(plane, deviation * problem.radius());
             }
