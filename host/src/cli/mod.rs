@@ -8,6 +8,7 @@ pub mod explore;
 mod files;
 pub mod import;
 pub mod inspect;
+mod level;
 pub mod live;
 pub mod localize;
 mod normals;

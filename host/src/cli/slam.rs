@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 
 use crate::cli::bundled::Bundled;
 use crate::cli::terminal::{Progress, say, tell, tell_report, warn};
-use crate::cli::{Error, browser, files, normals, units};
+use crate::cli::{Error, browser, files, level, normals, units};
 use crate::graph;
 use crate::log::{GraspLog, TrueShape};
 use crate::shape::Geometry;
@@ -130,8 +130,13 @@ impl Input {
             ));
         }
         let (deviation, _) = usual_deviations(&self.log.noise);
-        let distance = 1e-3 * outcome.report.contact_rms_mm.unwrap_or(0.0);
-        if let Some(doubt) = units::doubt(outcome.extent(), distance, deviation) {
+        let contacts = &outcome.reconstruction.contacts;
+        let doubts = [
+            units::doubt(outcome.extent(), outcome.misses.usual(), deviation),
+            level::doubt(self.log.dimension, contacts),
+            strangers(&outcome.report.unexplained.wholly),
+        ];
+        if let Some(doubt) = doubts.into_iter().flatten().next() {
             warn(format_args!("{}: {doubt}", self.name));
         }
         Ok(())
@@ -141,6 +146,17 @@ impl Input {
     pub fn title(&self) -> &str {
         if self.log.description.is_empty() { &self.name } else { &self.log.description }
     }
+}
+
+/// What is to be said of grasps none of whose contacts the shape explains.
+fn strangers(grasps: &[u64]) -> Option<String> {
+    let numbers: Vec<String> = grasps.iter().map(u64::to_string).collect();
+    (!grasps.is_empty()).then(|| {
+        format!(
+            "no contact of grasp {} is near the shape: they are of another object, or a motion is wrong",
+            numbers.join(", ")
+        )
+    })
 }
 
 /// Runs the subcommand.

@@ -13,6 +13,7 @@ pub mod fit;
 pub mod free;
 pub mod gauge;
 pub mod mirrors;
+pub mod misses;
 pub mod odometry_graph;
 pub mod output;
 pub mod place;

@@ -11,6 +11,7 @@ use crate::shape::files::{self, FileError, Plain};
 use crate::shape::{Geometry, Outline, ShapeError, metrics};
 use crate::slam::Progress;
 use crate::slam::choose::Choice;
+use crate::slam::misses::Misses;
 use crate::slam::odometry_graph::odometry_graph;
 use crate::slam::reconstruct::{self, Reconstruction, reconstruct_known};
 use crate::slam::replay;
@@ -52,6 +53,8 @@ pub struct Outcome {
     pub report: Report,
     /// The shape in the estimated object frame.
     pub reconstruction: Reconstruction,
+    /// How far contacts lie from it.
+    pub misses: Misses,
     /// The poses.
     pub steps: Vec<Step>,
     /// The poses and the motions between them.
@@ -113,6 +116,7 @@ pub fn conclude(
         vec![("track", provenance.tracking_seconds), ("surface", start.elapsed().as_secs_f64())];
     seconds.extend(provenance.graph.map(|g| ("graph", g.seconds)));
     let grasps = judged(log, &steps);
+    let misses = Misses::of(&reconstruction.contacts, &reconstruction.geometry);
     let report = Report::new(&Run {
         dimension: log.dimension,
         tracker: provenance.tracker,
@@ -121,12 +125,14 @@ pub fn conclude(
         grasps: &grasps,
         estimate: Some(&reconstruction.geometry),
         truth,
+        unexplained: &misses.unexplained(log),
         seconds: &seconds,
     });
     let summary = summarise(provenance.title, &report, &grasps, &reconstruction, truth);
     let times = times(log);
     let graph = odometry_graph(log, &steps);
-    Ok(Outcome { report, reconstruction, steps, graph, choices: Vec::new(), summary, times })
+    let choices = Vec::new();
+    Ok(Outcome { report, reconstruction, misses, steps, graph, choices, summary, times })
 }
 
 /// Seconds of each grasp; the numbers of all where one has none, for both together would run backwards.

@@ -31,6 +31,9 @@ pub struct Report {
     /// Root mean square distance from the estimated surface to the contacts, taken to the object
     /// frame by the estimated poses, those of lost grasps left out: needs no truth.
     pub contact_rms_mm: Option<f64>,
+    /// Contacts that the shape does not explain: wild ones, or those of grasps at wrong poses.
+    #[serde(default)]
+    pub unexplained: Unexplained,
     /// Wall-clock time of each stage.
     pub seconds: BTreeMap<String, f64>,
     /// Grasps that the tracker could not explain and no graph found.
@@ -38,6 +41,17 @@ pub struct Report {
     /// Grasps that fit at several poses.
     #[serde(default)]
     pub ambiguous: Vec<u64>,
+}
+
+/// Contacts much farther from the shape than they are uncertain and than the others lie.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Unexplained {
+    /// How many.
+    pub contacts: usize,
+    /// Numbers of the grasps that felt them.
+    pub grasps: Vec<u64>,
+    /// Those of them that felt several contacts and nothing else: where the object was then, the shape does not say.
+    pub wholly: Vec<u64>,
 }
 
 /// Distances between the estimated and the true surface.
@@ -116,6 +130,8 @@ pub struct Run<'a> {
     pub estimate: Option<&'a Geometry>,
     /// The true shape in the true object frame.
     pub truth: Option<&'a Geometry>,
+    /// Contacts that the estimate does not explain.
+    pub unexplained: &'a Unexplained,
     /// Wall-clock time of each stage, seconds.
     pub seconds: &'a [(&'a str, f64)],
 }
@@ -212,6 +228,7 @@ impl Report {
                     .collect(),
             },
             contact_rms_mm: run.estimate.and_then(|e| contact_rms(run.grasps, e)).map(millimetres),
+            unexplained: run.unexplained.clone(),
             seconds: run.seconds.iter().map(|(k, s)| (k.to_string(), rounded(*s))).collect(),
             lost: with(Status::Lost),
             ambiguous: with(Status::Ambiguous),
@@ -270,11 +287,19 @@ impl fmt::Display for Report {
         row("contacts to surface", show(self.contact_rms_mm, "mm"), "rms")?;
         let total: f64 = self.seconds.values().sum();
         row("time", show(Some(total), "s"), "")?;
+        let list = |grasps: &[u64]| {
+            let numbers: Vec<String> = grasps.iter().map(u64::to_string).collect();
+            numbers.join(", ")
+        };
         for (name, grasps) in [("lost grasps", &self.lost), ("ambiguous grasps", &self.ambiguous)] {
             if !grasps.is_empty() {
-                let numbers: Vec<String> = grasps.iter().map(u64::to_string).collect();
-                row(name, grasps.len().to_string(), &numbers.join(", "))?;
+                row(name, grasps.len().to_string(), &list(grasps))?;
             }
+        }
+        let Unexplained { contacts, grasps, .. } = &self.unexplained;
+        if *contacts > 0 {
+            let note = format!("far from the shape, of {}", list(grasps));
+            row("unexplained contacts", contacts.to_string(), &note)?;
         }
         Ok(())
     }
@@ -322,6 +347,7 @@ mod tests {
             grasps: &grasps,
             estimate: Some(&estimate),
             truth: Some(&square(0.02)),
+            unexplained: &Unexplained { contacts: 1, grasps: vec![1], wholly: vec![] },
             seconds: &[("track", 0.25), ("surface", 0.0001)],
         });
         // √2 mm from corner to corner; every point of the inner square is 1 mm from the outer, the
@@ -364,6 +390,13 @@ mod tests {
     "rms_rotation_deg": 1.414
   },
   "contact_rms_mm": 1.0,
+  "unexplained": {
+    "contacts": 1,
+    "grasps": [
+      1
+    ],
+    "wholly": []
+  },
   "seconds": {
     "surface": 0.0,
     "track": 0.25
@@ -394,6 +427,7 @@ mod tests {
             grasps: &grasps,
             estimate: Some(&estimate),
             truth: None,
+            unexplained: &Unexplained::default(),
             seconds: &[],
         };
         let report = Report::new(&run);
@@ -471,6 +505,7 @@ mod tests {
             grasps: &[],
             estimate: None,
             truth: None,
+            unexplained: &Unexplained::default(),
             seconds: &[],
         });
         assert!(report.write(&folder.path().join("absent").join("report.json")).is_err());

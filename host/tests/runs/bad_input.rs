@@ -386,6 +386,41 @@ fn no_truth_gives_null_errors() {
 }
 
 #[test]
+fn contacts_that_the_shape_does_not_explain_are_told() {
+    let place = Place::new();
+    let at = |pose: Value, mut grasp: Value| {
+        grasp["truth"] = json!({ "pose": pose });
+        grasp
+    };
+    let flat = json!({"translation": [0, 0], "rotation": 0});
+    let ring = round(2, 0.05, 24);
+    let mut grasps: Vec<Value> =
+        (0..3).map(|k| at(flat.clone(), grasp(k, &ring[8 * k..][..8]))).collect();
+    let inside = [([0.01, 0.0], [0, 1]), ([-0.01, 0.005], [1, 0]), ([0.0, -0.01], [-1, 0])];
+    let inside = inside.map(|(point, normal)| json!({"point": point, "normal": normal}));
+    grasps.push(at(flat, grasp(7, &inside)));
+    place.put("odd.jsonl", log(2, json!({}), &grasps));
+    let run = place.tactile("slam odd.jsonl --poses truth --out r").done();
+    assert!(run.err.contains("no contact of grasp 7 is near the shape"), "{}", run.err);
+    assert!(run.out.contains("unexplained contacts             3  far from the shape, of 7"));
+    let report = place.tactile("slam odd.jsonl --poses truth --json --out r").done().json();
+    let expected = json!({"contacts": 3, "grasps": [7], "wholly": [7]});
+    assert_eq!(report["unexplained"], expected);
+    // In space, and all at one height.
+    let level = json!({"translation": [0, 0, 0], "rotation": [0, 0, 0, 1]});
+    let raised: Vec<Value> = ring
+        .iter()
+        .map(|c| {
+            let up = |v: &Value| json!([v[0], v[1], 0]);
+            json!({"point": up(&c["point"]), "normal": up(&c["normal"])})
+        })
+        .collect();
+    place.put("flat.jsonl", log(3, json!({}), &[at(level, grasp(0, &raised))]));
+    let run = place.tactile("slam flat.jsonl --poses truth --out r").done();
+    assert!(run.err.contains("all contacts lie in one plane"), "{}", run.err);
+}
+
+#[test]
 fn many_contacts_in_one_grasp_fit_or_are_refused() {
     let place = Place::new();
     // The most a grasp may have, far more than the tracker keeps.

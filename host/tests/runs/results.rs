@@ -25,7 +25,7 @@ const OBJECTS: [(&str, u64, f64); 10] = [
 ];
 
 /// The fields of report.json in their documented order.
-const REPORT: [&str; 10] = [
+const REPORT: [&str; 11] = [
     "grasps",
     "contacts",
     "dimension",
@@ -33,6 +33,7 @@ const REPORT: [&str; 10] = [
     "surface",
     "pose",
     "contact_rms_mm",
+    "unexplained",
     "seconds",
     "lost",
     "ambiguous",

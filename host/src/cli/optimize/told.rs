@@ -125,9 +125,10 @@ impl Told<'_> {
                 solved.fit.chi2
             ));
         }
-        if let Some(ratio) = solved.fit.per_degree() {
-            lines.push(format!("{ratio:.3} per degree of freedom ({})", solved.fit.degrees));
-        }
+        lines.push(match solved.fit.per_degree() {
+            Some(ratio) => format!("{ratio:.3} per degree of freedom ({})", solved.fit.degrees),
+            None => "no degrees of freedom: nothing is measured twice, and χ² says nothing of these poses".into(),
+        });
         lines.push(match solved.certificate {
             None => "no certificate: edges were weighed".into(),
             Some(Certificate::Certified { .. }) => "certified: no poses have a lower χ²".into(),

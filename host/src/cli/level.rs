@@ -1,0 +1,82 @@
+//! Contacts that all lie in one plane, or in one line of it.
+
+use nalgebra::{DMatrix, Matrix3, SymmetricEigen};
+
+use crate::slam::place::Placed;
+use crate::space::Point;
+
+/// Deviations of a contact up to which those of all contacts across a plane may be noise.
+const NOISE: f64 = 2.0;
+
+/// Cosine between the plane's normal and those of contacts on the two faces of a thin plate, whose thickness was felt.
+const ACROSS: f64 = 0.7;
+
+/// What is to be said of contacts that nobody felt the object's reach across their plane with.
+pub(super) fn doubt(dimension: usize, placed: &[Placed]) -> Option<String> {
+    if placed.len() <= dimension {
+        return None;
+    }
+    let count = placed.len() as f64;
+    let middle = placed.iter().map(|p| p.contact.point).sum::<Point>() / count;
+    let away = placed.iter().map(|p| p.contact.point - middle);
+    let spread = away.map(|away| away * away.transpose()).sum::<Matrix3<f64>>() / count;
+    let spread = DMatrix::from_fn(dimension, dimension, |row, column| spread[(row, column)]);
+    let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(spread);
+    let thin = eigenvalues.imin();
+    let along = |row: usize| if row < dimension { eigenvectors[(row, thin)] } else { 0.0 };
+    let axis = Point::from_fn(|row, _| along(row));
+    let noise = placed.iter().map(|p| p.contact.point_deviation).sum::<f64>() / count;
+    let thickness = eigenvalues[thin].max(0.0).sqrt();
+    let ways = placed.iter().filter_map(|p| Some(p.contact.normal?.dot(&axis)));
+    let is_across = |way: f64| ways.clone().any(|along| way * along > ACROSS);
+    let is_level = thickness < NOISE * noise && !(is_across(1.0) && is_across(-1.0));
+    is_level.then(|| {
+        let plane = if dimension == 2 { "line" } else { "plane" };
+        format!(
+            "all contacts lie in one {plane}, to {thickness:.4} m: how far the object reaches beside it is not known"
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference::Contact;
+
+    /// Contacts about a rectangle at such a height, which their normals lean to.
+    fn touched(height: impl Fn(u32) -> f64, lean: impl Fn(u32) -> f64) -> Vec<Placed> {
+        let placed = |i: u32| {
+            let (sin, cos) = (0.7 * f64::from(i)).sin_cos();
+            let normal = Point::new(cos, sin, lean(i)).normalize();
+            let point = Point::new(0.05 * cos, 0.03 * sin, height(i));
+            let contact = Contact {
+                point,
+                normal: Some(normal),
+                point_deviation: 1e-3,
+                normal_deviation: 0.1,
+            };
+            Placed { contact, grasp: 0 }
+        };
+        (0..12).map(placed).collect()
+    }
+
+    #[test]
+    fn contacts_of_one_plane_say_nothing_of_what_is_beside_it() {
+        let level = touched(|i| 1e-3 * f64::from(i % 3), |_| 0.0);
+        assert!(doubt(3, &level).is_some_and(|d| d.contains("in one plane")));
+        // One side of a box.
+        assert!(doubt(3, &touched(|_| 0.02, |_| 9.0)).is_some());
+        assert_eq!(doubt(2, &level), None);
+        let line: Vec<Placed> = (0..5).map(|i| touched(|_| 0.0, |_| 0.0)[i / 4]).collect();
+        assert!(doubt(2, &line).is_some_and(|d| d.contains("in one line")));
+    }
+
+    #[test]
+    fn solids_plates_and_few_contacts_raise_no_doubt() {
+        assert_eq!(doubt(3, &touched(|i| 0.01 * f64::from(i % 3), |_| 0.0)), None);
+        let way = |i: u32| if i % 2 == 0 { 1.0 } else { -1.0 };
+        assert_eq!(doubt(3, &touched(|i| 1e-3 * way(i), |i| 9.0 * way(i))), None);
+        assert_eq!(doubt(3, &touched(|_| 0.0, |_| 0.0)[..3]), None);
+        assert_eq!(doubt(3, &[]), None);
+    }
+}
