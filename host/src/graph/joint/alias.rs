@@ -25,6 +25,11 @@ use aim::{aim, pull};
 /// Starts: turns about each axis, in deviations of the motion.
 const TURNS: [f64; 4] = [0.8, 1.6, 2.4, 3.2];
 
+/// Where an object was put elsewhere: half turns about each axis come in so many parts, and the contacts of a grasp
+/// lie so much of the object's extent from where its middle is expected.
+const PARTS: u32 = 4;
+const ELSEWHERE: f64 = 0.5;
+
 /// By how much deviations are enlarged, iteration by iteration.
 const SLACK: [f64; 9] = [8.0, 6.0, 4.0, 3.0, 2.0, 1.5, 1.0, 1.0, 1.0];
 
@@ -210,11 +215,14 @@ where
             }
         }
     }
+    let sought = |start| seek::<D>(problem, targets, grasp, before, start, centre);
+    let near = starts.into_iter().filter_map(sought);
+    // Faces have no ends here, along which a grasp that no motion holds would slide away.
+    let is_about = |c: &Candidate| away(problem, grasp, &c.pose, centre).norm() < problem.extent;
+    let carried = carried(problem, grasp, &predicted, centre).into_iter();
+    let carried = carried.filter_map(sought).filter(is_about);
     let mut found: Vec<(f64, Candidate)> = Vec::new();
-    for start in starts {
-        let Some(candidate) = seek::<D>(problem, targets, grasp, before, start, centre) else {
-            continue;
-        };
+    for candidate in near.chain(carried) {
         let total = candidate.cost + problem.moved(grasp, before, &candidate.pose, centre);
         match found.iter_mut().find(|(_, other)| are_near(&other.pose, &candidate.pose, SAME)) {
             Some(other) if total < other.0 => *other = (total, candidate),
@@ -224,6 +232,28 @@ where
     }
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
     found.into_iter().map(|(_, candidate)| candidate).collect()
+}
+
+/// Poses all around of an object that is touched far from where it is `predicted`, so that somebody put it there: its
+/// middle is where the contacts' is, for a hand closes about it.
+fn carried(problem: &Problem, grasp: usize, predicted: &Pose, centre: &Point) -> Vec<Pose> {
+    let off = away(problem, grasp, predicted, centre);
+    if problem.of(grasp).is_empty() || off.norm() < ELSEWHERE * problem.extent {
+        return vec![];
+    }
+    let there = Pose::from_parts(off.into(), Default::default()) * predicted;
+    let axes: &[usize] = if problem.dimension == 2 { &[5] } else { &[3, 4, 5] };
+    let part = std::f64::consts::PI / f64::from(PARTS);
+    let turns = (1..2 * PARTS).map(|turn| part * f64::from(turn));
+    let around = axes.iter().flat_map(|axis| turns.clone().map(move |angle| (*axis, angle)));
+    let around = around.map(|(axis, angle)| turned(&there, axis, angle, centre));
+    std::iter::once(there).chain(around).collect()
+}
+
+/// From the object's middle at a pose to that of a grasp's contacts, world frame.
+fn away(problem: &Problem, grasp: usize, pose: &Pose, centre: &Point) -> Point {
+    let middle = pose * nalgebra::Point3::from(*centre);
+    problem.centre(grasp) - middle.coords
 }
 
 /// `pose` with the object turned about its centre and one of its axes (3 to 5).

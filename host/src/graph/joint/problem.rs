@@ -255,7 +255,7 @@ impl Problem {
     }
 
     /// Centroid of a grasp's contacts, world frame; the origin without any.
-    fn centre(&self, grasp: usize) -> Point {
+    pub fn centre(&self, grasp: usize) -> Point {
         let own = &self.felt[self.of(grasp)];
         own.iter().map(|f| f.contact.point).sum::<Point>() / own.len().max(1) as f64
     }

@@ -1,10 +1,12 @@
 use super::*;
 use crate::graph::joint::explain::{assigned, settle};
+use crate::graph::joint::planes::{Effort, planes};
 use crate::graph::joint::problem::Motion;
 use crate::graph::joint::solve::solve;
 use crate::graph::joint::tests::at_truth;
 use crate::quantity::Deviation;
 use crate::sim::{Options, simulate};
+use crate::slam::trackers::Kind;
 
 #[test]
 fn lone_contacts_suggest_planes_as_uncertain_as_they_are() {
@@ -44,6 +46,27 @@ fn a_move_of_contacts_that_no_face_explains_promises_what_it_gains() {
         let promised = back.fold(0.0, f64::min);
         let contacts = (problem.starts[until + 1] - problem.starts[6]) as f64;
         assert!(promised < -4.0 * contacts, "{until}: {promised} of {contacts}");
+    }
+}
+
+/// A wrong first motion by 200 mm and 86°: all others agree where the object is, and the first grasp was made there.
+#[test]
+fn a_grasp_made_far_from_where_motions_lead_is_found_on_the_object() {
+    for (object, seed) in [("rectangle:0.12x0.06", 0), ("triangle:0.06", 0), ("triangle:0.06", 1)] {
+        let motion_noise = Deviation { length: 5e-3, angle: 10f64.to_radians() };
+        let options = Options { motion_noise, seed, ..Options::new(object.parse().unwrap()) };
+        let mut log = simulate(&options).unwrap().log;
+        let wrong = Pose::translation(0.2, 0.0, 0.0) * Pose::rotation(Point::z() * 1.5);
+        log.grasps[1].motion = log.grasps[1].motion.map(|motion| wrong * motion);
+        let steps = Kind::Automatic.follow(&log, 0);
+        let found = planes(&log, &[&steps], Effort::default()).unwrap();
+        let first = log.grasps[0].contacts.len();
+        let on_faces = found.owners[..first].iter().filter(|owner| owner.is_some()).count();
+        assert!(on_faces + 1 >= first, "{object} {seed}: {on_faces} of {first}");
+        // As far off as a turn by which it looks the same moves its frame, and no farther.
+        let frames = [0, 9].map(|k| log.grasps[k].truth.unwrap().inverse() * found.steps[k].pose);
+        let off = (frames[0].inverse() * frames[1]).translation.vector.norm();
+        assert!(off < 0.1, "{object} {seed}: {off} m");
     }
 }
 
