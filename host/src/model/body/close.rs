@@ -3,6 +3,8 @@
 
 use std::f64::consts::TAU;
 
+use nalgebra::Matrix3;
+
 use super::{Body, Mode, Part, Plane};
 use crate::reference::Contact;
 use crate::space::Point;
@@ -60,7 +62,8 @@ impl Body {
                 end(&mut self, *normal);
             }
         }
-        let directions = directions(dimension);
+        // Between the even ones a thin rod would go on unseen.
+        let directions = [directions(dimension), axes(dimension, &centre, contacts)].concat();
         for _ in 0..MOST {
             let deepest = |directions: &[Point]| {
                 let depths = directions.iter().map(|normal| (depth(&self, normal, OPEN), *normal));
@@ -165,4 +168,17 @@ fn directions(dimension: usize) -> Vec<Point> {
         Point::new(ring * cos, ring * sin, z)
     };
     (0..count).map(direction).collect()
+}
+
+/// Both ways along the principal axes of the contacts about their centre.
+fn axes(dimension: usize, centre: &Point, contacts: &[Contact]) -> Vec<Point> {
+    let offsets = contacts.iter().map(|c| c.point - centre);
+    let scatter: Matrix3<f64> = offsets.map(|off| off * off.transpose()).sum();
+    let vectors = scatter.symmetric_eigen().eigenvectors;
+    let axis = |column: usize| {
+        let mut axis: Point = vectors.column(column).into_owned();
+        axis.iter_mut().skip(dimension).for_each(|other| *other = 0.0);
+        axis.try_normalize(0.5)
+    };
+    (0..3).filter_map(axis).flat_map(|axis| [axis, -axis]).collect()
 }

@@ -259,6 +259,29 @@ fn a_corner_is_closed_like_a_block() {
     }
 }
 
+/// Four sides of a rod so thin that none of the evenly spread directions stays within it, nor any across from
+/// a side.
+#[test]
+fn a_thin_rod_is_closed_at_both_ends() {
+    let axis = Point::new(0.3, -0.5, 0.8).normalize();
+    let across = axis.cross(&Point::x()).normalize();
+    let sides = [across, axis.cross(&across), -across, -axis.cross(&across)];
+    let contact = |i: usize| Contact {
+        point: axis * (0.2 * (i as f64 / 20.0 - 1.0)) + sides[i % 4] * 4e-3,
+        normal: Some(sides[i % 4]),
+        point_deviation: 1e-3,
+        normal_deviation: 0.05,
+    };
+    let contacts: Vec<Contact> = (0..=40).map(contact).collect();
+    let parts = sides.map(|normal| Part::Plane(Plane { normal, offset: 4e-3 })).to_vec();
+    let rod = Body { parts, modes: vec![], oddity: 0.0, chi_squared: 0.0, degrees: 0.0 };
+    assert!(rod.value(&(axis * 0.25)) < 0.0);
+    let body = rod.closed(3, &contacts, &[]);
+    for end in [-axis, axis] {
+        assert!(body.value(&(end * 0.19)) < 0.0 && body.value(&(end * 0.22)) > 0.0);
+    }
+}
+
 /// Touches in the plane: places (millimetres) and the normals' angles (degrees).
 fn touches(all: &[(f64, f64, f64)]) -> Vec<Contact> {
     let touch = |(x, y, angle): &(f64, f64, f64)| {
