@@ -483,6 +483,7 @@ mod tests {
             grasps: &grasps(planar(0.0, 0.0, 0.0)),
             estimate: None,
             truth: None,
+            unexplained: &Unexplained::default(),
             seconds: &[("track", 1.5)],
         });
         let text = report.to_string();

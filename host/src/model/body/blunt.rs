@@ -178,9 +178,9 @@ mod tests {
             assert!(sure.oddity() < blunted.oddity() - 2.0);
             assert!(sure.planes().last().unwrap().offset < cut.offset);
             assert_eq!(blunted.blunted(dimension, &contacts), None);
-            // However many there are.
-            let surest = body.blunted(dimension, &contacts.repeat(1_000)).unwrap();
-            assert!(surest.oddity() < sure.oddity() - 100.0);
+            // But those of the same places are not.
+            let again = body.blunted(dimension, &contacts.repeat(1_000)).unwrap();
+            assert!((again.oddity() - blunted.oddity()).abs() < 1e-6);
         }
     }
 

@@ -165,8 +165,9 @@ mod tests {
         let (dimension, contacts, _) = felt(&peanut(), 0, 0.5);
         assert_eq!(beside_surface(dimension, &contacts), None);
         assert_eq!(beside_surface(2, &[]), None);
+        assert_eq!(beside_surface(dimension, &contacts[..LEAST - 1]), None);
         // One contact, or one that was felt again and again, says nothing against itself.
-        for same in [1, 30] {
+        for same in [LEAST, 30] {
             let trusted = beside_surface(dimension, &vec![contacts[0]; same]);
             assert!(trusted.is_none_or(|trusted| trusted.iter().all(|t| *t)));
         }
