@@ -74,7 +74,7 @@ mod tests {
     #[test]
     fn solids_plates_and_few_contacts_raise_no_doubt() {
         assert_eq!(doubt(3, &touched(|i| 0.01 * f64::from(i % 3), |_| 0.0)), None);
-        let way = |i: u32| if i % 2 == 0 { 1.0 } else { -1.0 };
+        let way = |i: u32| if i.is_multiple_of(2) { 1.0 } else { -1.0 };
         assert_eq!(doubt(3, &touched(|i| 1e-3 * way(i), |i| 9.0 * way(i))), None);
         assert_eq!(doubt(3, &touched(|_| 0.0, |_| 0.0)[..3]), None);
         assert_eq!(doubt(3, &[]), None);

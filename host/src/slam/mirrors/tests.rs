@@ -115,8 +115,9 @@ fn images_cost_what_they_add() {
     };
     let alone = rectangle(1.0);
     assert!(felt.suits(&alone, &alone));
-    // 25 contacts are so much less likely on the larger surface.
-    let suits = |price: f64| felt.suits(&rectangle((price / 25.0).exp()), &alone);
+    // So many places are so much less likely on the larger surface.
+    let touched = places(&contacts) as f64;
+    let suits = |price: f64| felt.suits(&rectangle((price / touched).exp()), &alone);
     assert!(suits(felt.evidence - SURE - 0.1));
     assert!(!suits(felt.evidence - SURE + 0.1));
     let nothing = Geometry::Outline(Outline { loops: vec![] });

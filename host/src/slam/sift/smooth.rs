@@ -18,9 +18,9 @@ const LEAST: usize = 10;
 const FAR: f64 = 0.5;
 
 /// Which contacts belong to an object of which nothing is known but that its surface is smooth: all, or without the few
-/// that are likelier anywhere and of any normal than where the others lead the surface. `None` of fewer than [`LEAST`] contacts,
-/// where they are too many or too coincident for a dense surface, and where those left out are many or agree with one
-/// another.
+/// that are likelier anywhere and of any normal than where the others lead the surface. `None` of fewer than ten
+/// contacts, where they are too many or too coincident for a dense surface, and where those left out are many or agree
+/// with one another.
 ///
 /// A surface that is fitted to all follows wild contacts, and its hyper-parameters account for them. So each is
 /// judged by the surface of the others, the strangest goes first, for it makes its neighbours look strange, and the
