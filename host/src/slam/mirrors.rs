@@ -96,7 +96,7 @@ impl Mirrored {
     /// Whether the shape made with images is to be believed, too, beside the one that contacts make by themselves.
     ///
     /// Where contacts are as likely to lie anywhere on a surface, each is less so by as much as images make that
-    /// larger ([`places`]): the larger it is, the more contacts would have been felt on what only images show. A shape
+    /// larger ([`places()`]): the larger it is, the more contacts would have been felt on what only images show. A shape
     /// without any size suits nothing.
     pub fn suits(&self, mirrored: &Geometry, alone: &Geometry) -> bool {
         let felt = &self.contacts[..self.contacts.len() >> self.mirrors.len()];
