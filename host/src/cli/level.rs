@@ -11,7 +11,7 @@ const NOISE: f64 = 2.0;
 /// Cosine between the plane's normal and those of contacts on the two faces of a thin plate, whose thickness was felt.
 const ACROSS: f64 = 0.7;
 
-/// What is to be said of contacts that nobody felt the object's reach across their plane with.
+/// What is to be said of contacts all in one plane: how far the object reaches on either side of it, nobody felt.
 pub(super) fn doubt(dimension: usize, placed: &[Placed]) -> Option<String> {
     if placed.len() <= dimension {
         return None;
