@@ -20,7 +20,7 @@ use crate::thin::evenly;
 /// Contacts that decide the hyper-parameters at most, and what the process is about; the fit itself
 /// uses all.
 pub(super) const DECIDING: usize = 150;
-const JUDGING: usize = places::MOST;
+pub(super) const JUDGING: usize = places::MOST;
 
 /// Nats per contact by which a body that does not explain the contacts by itself must still beat the
 /// ball. The likelihood takes what a body leaves for a stationary process; the edges and ends that
@@ -60,6 +60,8 @@ pub struct Fitted {
     pub surface: Blend,
     /// Whether a body of few numbers explains the contacts to their noise.
     pub is_explained: bool,
+    /// χ² per degree of freedom that the body of the most probable surface leaves.
+    pub misfit: f64,
 }
 
 /// The Matérn-3/2 surfaces that explain the contacts: about a ball, about another quadric or one cut by
@@ -76,7 +78,8 @@ pub fn fit(dimension: usize, contacts: &[Contact], free: &[Free]) -> Result<Fitt
     if contacts.len() > JUDGING {
         let model = model(dimension, contacts)?;
         let surface = Blend::new(vec![(1.0, model.opened(dimension, contacts, free)?)]);
-        return Ok(Fitted { kernel: model.kernel, surface, is_explained: explains(&model.body) });
+        let (kernel, misfit) = (model.kernel, model.body.misfit());
+        return Ok(Fitted { kernel, surface, is_explained: explains(&model.body), misfit });
     }
     let candidates = candidates(dimension, contacts, contacts)?;
     let is_explained = is_explained(&candidates);
@@ -115,16 +118,16 @@ fn blended(
     weighed: Vec<(f64, Candidate)>,
     is_explained: bool,
 ) -> Result<Fitted, Error> {
-    let (mut parts, mut kernel, mut most) = (Vec::new(), None, 0.0);
+    let (mut parts, mut best, mut most) = (Vec::new(), None, 0.0);
     for (weight, candidate) in weighed.into_iter().filter(|(weight, _)| *weight > NEGLIGIBLE) {
         let model = candidate.model(dimension, contacts);
         parts.push((weight, model.opened(dimension, contacts, free)?));
         if weight > most {
-            (kernel, most) = (Some(model.kernel), weight);
+            (best, most) = (Some((model.kernel, model.body.misfit())), weight);
         }
     }
-    let kernel = kernel.ok_or(Error::NoContacts)?;
-    Ok(Fitted { kernel, surface: Blend::new(parts), is_explained })
+    let (kernel, misfit) = best.ok_or(Error::NoContacts)?;
+    Ok(Fitted { kernel, surface: Blend::new(parts), is_explained, misfit })
 }
 
 /// Whether any body but the ball explains the contacts by itself.
@@ -285,6 +288,21 @@ fn candidates(
     let mut candidates = candidates.into_iter();
     let first = candidates.next().ok_or(Error::NoContacts)??;
     Ok([first].into_iter().chain(candidates.flatten()).collect())
+}
+
+/// Log probability of so few contacts about the likeliest of all bodies, or of those that explain them by themselves,
+/// nats; `None` where there is none.
+pub(super) fn evidence(dimension: usize, contacts: &[Contact], is_explained: bool) -> Option<f64> {
+    let all = candidates(dimension, contacts, contacts).ok()?.into_iter();
+    let some = all.filter(|candidate| !is_explained || candidate.explains());
+    some.map(|candidate| candidate.evidence).max_by(f64::total_cmp)
+}
+
+/// The same about the ball alone.
+pub(super) fn plain_evidence(dimension: usize, contacts: &[Contact]) -> Option<f64> {
+    let (radius, ball) = (radius(contacts).ok()?, Body::ball(dimension, contacts)?);
+    let search = usual(dimension, contacts);
+    Some(Candidate::new(dimension, contacts, radius, ball, search).ok()?.evidence)
 }
 
 /// What these contacts leave open beside the model that suits them: a surface about a ball of unknown

@@ -105,6 +105,10 @@ const FACED: usize = 1_000;
 /// Contacts that a box less smaller boxes is made from at most: it takes as long as there are many.
 pub(super) const NOTCHED: usize = 80;
 
+/// χ² per degree of freedom up to which a body nearly explains contacts. Most bodies are their own images already; what
+/// they leave is then of rough or rounded sides, and images would make it larger than it is.
+const NEARLY: f64 = 3.0;
+
 /// Contacts that may make a side between them though they are wild.
 const PAIR: usize = 2;
 
@@ -230,9 +234,9 @@ impl Shape {
 }
 
 /// The shape of contacts and free points in the object frame. Of as many as a dense surface takes, it is made without
-/// those that [`sift`] does not trust. Where no body of few numbers explains them, and where faces show a hollow, what
-/// was felt is taken to hold for its mirror image, too, if the object seems to be its own ([`Mirrored`]) and `poses`
-/// are known.
+/// those that [`sift`] does not trust. Where no body of few numbers nearly explains them, and where faces show a hollow,
+/// what was felt is taken to hold for its mirror image, too, if the object seems to be its own ([`Mirrored`]) and
+/// `poses` are known.
 ///
 /// # Errors
 /// As [`reconstruct()`].
@@ -376,6 +380,7 @@ fn shape_of(
     let fitted = fit::fit(dimension, &trusted, free)?;
     let mut shape = Shape::curved(dimension, &fitted, Mirrored::unmoved(&trusted))?;
     if !fitted.is_explained
+        && fitted.misfit > NEARLY
         && let Some(felt) = poses.mirrored(dimension, &trusted)
     {
         shape = mirrored_surface(shape, felt, dimension, free, choice)?;

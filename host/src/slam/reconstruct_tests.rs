@@ -1,5 +1,7 @@
 use super::*;
 use crate::sim::{Options, Touch, simulate};
+use crate::slam::fit::tests::touched;
+use crate::slam::sift::tests::hausdorff;
 
 /// Contacts of a ball of 80 mm that felt no normals, one of them so far outside.
 fn bare_ball(outside: f64) -> Vec<Contact> {
@@ -74,4 +76,23 @@ fn free_points_in_more_doubt_than_contacts_say_nothing_of_faces() {
     // Where all poses are as doubtful, so are the contacts.
     assert_eq!(count(5.0, &[free(1.0), free(5.0)]), 2);
     assert!(outside(&[], &[free(5.0)]).len() == 1);
+}
+
+#[test]
+fn a_block_with_rough_sides_needs_no_images() {
+    let object = "box:0.09x0.06x0.04";
+    for seed in [1, 2, 5] {
+        let (_, contacts, _) = touched(object, 20, seed);
+        // As scanned cartons are: a third of the normals is off.
+        let rough = |(i, c): (usize, &Contact)| {
+            let lean = Point::new(0.0, 0.22, 0.18) * f64::from(u8::from(i % 3 == 0));
+            Contact { normal: c.normal.map(|normal| (normal + lean).normalize()), ..*c }
+        };
+        let contacts: Vec<Contact> = contacts.iter().enumerate().map(rough).collect();
+        let made = shape(3, &contacts, &[], Poses::Known, Choice::Auto, &|_, _| {}).unwrap();
+        assert!(Mirrored::of(3, &contacts).is_some() && made.mirrors.is_empty(), "{seed}");
+        // With images, up to three times as much.
+        let error = hausdorff(&made.geometry, object);
+        assert!(error < 4e-3, "{seed}: {error}");
+    }
 }

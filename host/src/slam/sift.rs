@@ -17,9 +17,11 @@ use crate::space::Point;
 mod convex;
 mod far;
 mod smooth;
+mod verdict;
 
 pub use convex::beside_convex;
 pub use far::near;
+use verdict::{Bodies, are_wild};
 
 /// χ² of a contact on the body, with what no body fits exactly, from which on it is wild.
 const STRANGE: f64 = 16.0;
@@ -71,8 +73,11 @@ pub fn trusted(dimension: usize, contacts: &[Contact]) -> Vec<bool> {
 /// The same at known poses, where contacts that no body explains are judged by the surface of all others, too: among
 /// others, those of grasps whose poses are still wrong would go.
 pub fn trusted_at_known(dimension: usize, contacts: &[Contact]) -> Vec<bool> {
-    let surface = || smooth::beside_surface(dimension, contacts);
-    let trusted = beside_round(dimension, contacts).or_else(surface);
+    let are_wild = |trusted: &Vec<bool>, bodies| are_wild(dimension, contacts, trusted, bodies);
+    let round = beside_round(dimension, contacts).filter(|t| are_wild(t, Bodies::All));
+    let surface =
+        || smooth::beside_surface(dimension, contacts).filter(|t| are_wild(t, Bodies::Explaining));
+    let trusted = round.or_else(surface);
     trusted.unwrap_or_else(|| vec![true; contacts.len()])
 }
 

@@ -3,6 +3,7 @@
 //! On a convex object no contact lies beyond the plane in which another one touched. A wild one does, or others lie
 //! beyond its own, and no model is needed to see that: what is fitted to the rest was never bent by it.
 
+use super::verdict::{Bodies, are_wild};
 use super::{WILD, are_few, beside_body};
 use crate::model::Faces;
 use crate::model::body::Body;
@@ -28,9 +29,9 @@ const OFTEN: f64 = 2.0;
 const SQUARE: f64 = 0.25;
 
 /// Which contacts at known poses belong to a convex object, where few contradict that all are of one, and the others
-/// make a body of few numbers or faces that were felt often; `None` where there are no such few. Where sides are as
-/// those of a box, those that face as they do are none of them if they make it [likelier](Found::is_likelier) that
-/// something is cut out of it. `free` are points outside.
+/// make a body of few numbers or faces that were felt often; `None` where there are no such few, or where all together
+/// are as likely (`verdict`). Where sides are as those of a box, those that face as they do are none of them if they make
+/// it [likelier](Found::is_likelier) that something is cut out of it. `free` are points outside.
 pub fn beside_convex(dimension: usize, contacts: &[Contact], free: &[Point]) -> Option<Vec<bool>> {
     let agreeing = agreeing(contacts)?;
     let bodies = |own: &[Contact], faces: Option<&Faces>| -> Vec<Body> {
@@ -44,7 +45,9 @@ pub fn beside_convex(dimension: usize, contacts: &[Contact], free: &[Point]) -> 
         .or_else(|| beside_sides(dimension, contacts, agreeing.clone(), free))?;
     // What contradicts the others stays out, though it lies near their body.
     let trusted: Vec<bool> = trusted.iter().zip(&agreeing).map(|(a, b)| *a && *b).collect();
-    (!have_notch(dimension, contacts, &trusted, free)?).then_some(trusted)
+    let is_found = !have_notch(dimension, contacts, &trusted, free)?
+        && are_wild(dimension, contacts, &trusted, Bodies::All);
+    is_found.then_some(trusted)
 }
 
 /// Whether those not trusted that face as the sides of a box make it likelier that something is cut out of it; `None`

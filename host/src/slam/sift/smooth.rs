@@ -65,7 +65,8 @@ fn plausible(surface: &Gpis, radius: f64, contacts: &[Contact]) -> Option<Vec<bo
     for _ in 0..=most {
         let odds = |i: usize| {
             let density = left.density(i)?;
-            Some((density - wild(surface.dimension(), radius, &contacts[i]), i))
+            let wild = anywhere(surface.dimension(), radius, &contacts[i]) - RARE;
+            Some((density - wild, i))
         };
         let strangest = (0..contacts.len()).filter_map(odds).min_by(|a, b| a.0.total_cmp(&b.0));
         match strangest {
@@ -79,14 +80,14 @@ fn plausible(surface: &Gpis, radius: f64, contacts: &[Contact]) -> Option<Vec<bo
     None
 }
 
-/// ln of the density of what a wild contact measured, and of there being one: anywhere about the surface, and with a
-/// normal of any direction, whose components vary by 1/√dimension.
-fn wild(dimension: usize, radius: f64, contact: &Contact) -> f64 {
+/// ln of the density of what a wild contact measured: anywhere about the surface, and with a normal of any direction,
+/// whose components vary by 1/√dimension.
+pub(super) fn anywhere(dimension: usize, radius: f64, contact: &Contact) -> f64 {
     let tau = std::f64::consts::TAU;
     let off = -0.5 * (tau * (FAR * radius).powi(2)).ln() - 0.5;
     let d = dimension as f64;
     let turned = contact.normal.map_or(0.0, |_| -0.5 * d * ((tau / d).ln() + 1.0));
-    off + turned - RARE
+    off + turned
 }
 
 #[cfg(test)]
