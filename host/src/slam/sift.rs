@@ -3,7 +3,8 @@
 //!
 //! A smooth surface follows every contact that it is given, so one that is wild dents it. A body of few
 //! numbers does not, where many contacts measured them: what lies far off it does not belong there. Where there is no
-//! such body, the surface of all other contacts says what belongs there (`smooth`).
+//! such body, the surface of all other contacts says what belongs there (`smooth`). At known poses neither decides
+//! alone: what they find may be a part of the object that they lack (`verdict`).
 
 use super::choose::{self, often, only};
 use super::fit::{explains, rounds};
