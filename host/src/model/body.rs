@@ -24,6 +24,7 @@ mod hollow;
 mod moved;
 mod regular;
 mod sides;
+mod size;
 mod turned;
 
 pub(crate) use fit::MISFIT;

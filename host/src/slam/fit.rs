@@ -46,6 +46,8 @@ struct Candidate {
     evidence: f64,
     /// Of how many contacts.
     weighed: usize,
+    /// Of the body ([`Body::size`]).
+    size: Option<f64>,
 }
 
 /// Weight below which a surface is left out of the blend.
@@ -235,24 +237,28 @@ pub fn simpler(dimension: usize, contacts: &[Contact], faces: &Faces) -> Option<
     }
     let search = residual(dimension, contacts);
     let judging = evenly(contacts, JUDGING);
-    let evidence = |body: Body| {
-        let found = Candidate::new(dimension, &judging, radius, body, search);
-        found.ok().map(|candidate| candidate.evidence)
-    };
     let round = rounds(dimension, contacts, Some(faces)).filter(|body| ends(body) < dimension);
     let regular = Body::regulars(dimension, contacts, faces);
     let simple: Vec<Body> = round.chain(regular).filter(explains).collect();
     if simple.is_empty() {
         return None;
     }
-    let weighed = simple.into_par_iter().filter_map(|body| Some((evidence(body.clone())?, body)));
-    let (most, body) =
-        weighed.filter(|(evidence, _)| evidence.is_finite()).max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let weighed = |body: Body| {
+        let candidate = Candidate::new(dimension, &judging, radius, body.clone(), search).ok()?;
+        candidate.evidence.is_finite().then_some((body, candidate))
+    };
+    let flat = weighed(flat)?;
+    let others: Vec<_> = simple.into_par_iter().filter_map(weighed).collect();
+    let (bodies, mut all): (Vec<_>, Vec<_>) = [flat].into_iter().chain(others).unzip();
+    count_sizes(&judging, &mut all);
+    let mut all = bodies.into_iter().zip(all.iter().map(|candidate| candidate.evidence));
+    let (_, flat) = all.next()?;
+    let (body, most) = all.max_by(|a, b| a.1.total_cmp(&b.1))?;
     // What speaks for it grows with the contacts: of as many as the rest was weighed by.
     let are_fewer = judging.len() < contacts.len();
     let fewer = are_fewer.then(|| fitted(dimension, &judging).ok()).flatten();
     let order = fewer.map_or(faces.order, |fewer| fewer.order);
-    evidence(flat).filter(|flat| most > flat + order).map(|_| body)
+    (most > flat + order).then_some(body)
 }
 
 /// How many flat ends a body has.
@@ -287,7 +293,26 @@ fn candidates(
         .collect();
     let mut candidates = candidates.into_iter();
     let first = candidates.next().ok_or(Error::NoContacts)??;
-    Ok([first].into_iter().chain(candidates.flatten()).collect())
+    let mut others: Vec<Candidate> = candidates.flatten().collect();
+    count_sizes(judging, &mut others);
+    Ok([first].into_iter().chain(others).collect())
+}
+
+/// Takes off the evidence of each how much less likely the places of the contacts are on it than on the smallest body
+/// that explains them, or of all where none does, if they fall anywhere on its surface alike. What has no size is as
+/// large as the largest. The ball is where contacts are only on average, and has no such size.
+fn count_sizes(contacts: &[Contact], candidates: &mut [Candidate]) {
+    let smallest = |sizes: &mut dyn Iterator<Item = f64>| sizes.min_by(f64::total_cmp);
+    let explaining = candidates.iter().filter(|c| c.explains());
+    let least = smallest(&mut explaining.filter_map(|c| c.size))
+        .or_else(|| smallest(&mut candidates.iter().filter_map(|c| c.size)));
+    let Some(least) = least else { return };
+    let larger = |size: f64| (size / least).ln().max(0.0);
+    let most = candidates.iter().filter_map(|c| c.size).map(larger).fold(0.0, f64::max);
+    let places = places::places(contacts) as f64;
+    for candidate in candidates {
+        candidate.evidence -= places * candidate.size.map_or(most, larger);
+    }
 }
 
 /// Log probability of so few contacts about the likeliest of all bodies, or of those that explain them by themselves,
@@ -428,8 +453,8 @@ impl Candidate {
         let mean = body.clone();
         let found = search.run(dimension, family, mean, Training::Derivative, contacts, radius)?;
         let evidence = found.log_posterior - body.oddity();
-        let weighed = contacts.len();
-        Ok(Candidate { body, search, found, evidence, weighed }.settled(dimension, contacts))
+        let (weighed, size) = (contacts.len(), body.size(dimension, contacts));
+        Ok(Candidate { body, search, found, evidence, weighed, size }.settled(dimension, contacts))
     }
 
     /// The same with the parts of its body where these contacts move them, as far as that makes the

@@ -24,8 +24,9 @@ struct Cut {
     plane: Plane,
     /// Of its offset, metres.
     deviation: f64,
-    /// By how much it is more probable than none, nats.
+    /// By how much it is more probable than none, nats, and how much of that it is because the surface is smaller.
     gain: f64,
+    smaller: f64,
 }
 
 /// What a cut is judged by.
@@ -41,8 +42,9 @@ struct Sharp {
 
 impl Body {
     /// The same with a plane across the corner, in space the edge, of two of its planes at less than a right angle:
-    /// where one is most probable, beyond the outermost contacts. By how much is part of its oddity, and where the
-    /// plane lies a mode. `None` where none is more probable than not.
+    /// where one is most probable, beyond the outermost contacts. By how much for other reasons than its
+    /// [size](Body::size) is part of its oddity, and where the plane lies a mode. `None` where none is more probable
+    /// than not.
     pub(super) fn blunted(&self, dimension: usize, contacts: &[Contact]) -> Option<Body> {
         let centre = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len().max(1) as f64;
         let reach = contacts.iter().map(|c| (c.point - centre).norm()).fold(0.0, f64::max);
@@ -64,7 +66,7 @@ impl Body {
         let cut = cuts.filter(|cut| cut.gain > 0.0).max_by(|a, b| a.gain.total_cmp(&b.gain))?;
         let mut body = self.clone();
         body.end(cut.plane, cut.deviation);
-        body.oddity -= cut.gain;
+        body.oddity -= cut.gain - cut.smaller;
         Some(body)
     }
 }
@@ -78,10 +80,13 @@ impl Sharp {
             self.rays.iter().map(|ray| ray.cut(&normal, depth).area(self.dimension)).sum()
         };
         let whole = area(f64::INFINITY);
+        let smaller = |offset: f64| {
+            let left = area(offset - normal.dot(&self.centre));
+            (whole / left).ln() * self.places as f64
+        };
         let place = |step: u32| {
             let offset = near + (far - near) * (f64::from(step) + 0.5) / f64::from(PLACES);
-            let left = area(offset - normal.dot(&self.centre));
-            (offset, (whole / left).ln() * self.places as f64)
+            (offset, smaller(offset))
         };
         let places: Vec<(f64, f64)> = (0..PLACES).map(place).collect();
         // Of many contacts the likelihoods themselves are no numbers.
@@ -96,7 +101,8 @@ impl Sharp {
         let deviation = mean(&|other| (other - offset).powi(2)).sqrt();
         let gain = (ODDS * (far - near) / self.reach * sum / f64::from(PLACES)).ln() + most;
         let is_usable = gain.is_finite() && deviation.is_finite();
-        is_usable.then_some(Cut { plane: Plane { normal, offset }, deviation, gain })
+        let plane = Plane { normal, offset };
+        is_usable.then(|| Cut { plane, deviation, gain, smaller: smaller(offset) })
     }
 }
 
@@ -171,11 +177,19 @@ mod tests {
             let missed = Point::new(0.5, -0.75f64.sqrt(), 0.0);
             assert!(cut.normal.dot(&missed) > 0.99, "{cut:?}");
             assert!((0.028..0.045).contains(&cut.offset), "{cut:?}");
-            assert!(blunted.oddity() < body.oddity());
+            // What speaks against it is less than how much smaller it is.
+            let gain = |body: &Body, blunted: &Body, contacts: &[Contact]| {
+                let [more, less] = [body, blunted].map(|b| b.size(dimension, contacts).unwrap());
+                let smaller = places(contacts) as f64 * (more / less).ln();
+                smaller + body.oddity() - blunted.oddity()
+            };
+            let gained = gain(&body, &blunted, &contacts);
+            assert!(blunted.oddity() > body.oddity() && gained > 0.0, "{gained}");
             // More contacts are surer of it, and that it lies further in.
             let many = prism(dimension, 6, 5, 3 * each);
-            let sure = flat(dimension, &many).blunted(dimension, &many).unwrap();
-            assert!(sure.oddity() < blunted.oddity());
+            let whole = flat(dimension, &many);
+            let sure = whole.blunted(dimension, &many).unwrap();
+            assert!(gain(&whole, &sure, &many) > gained);
             assert!(sure.planes().last().unwrap().offset < cut.offset);
             assert_eq!(blunted.blunted(dimension, &contacts), None);
             // But those of the same places are not.

@@ -153,10 +153,14 @@ impl Ray {
     }
 }
 
-/// Evenly spread: equal angles, or a golden spiral from pole to pole.
+/// Evenly spread.
 fn directions(dimension: usize) -> Vec<Point> {
+    spread(dimension, DIRECTIONS[usize::from(dimension == 3)])
+}
+
+/// So many, unit and evenly spread: equal angles, or a golden spiral from pole to pole.
+pub(super) fn spread(dimension: usize, count: usize) -> Vec<Point> {
     let golden = 0.5 * (5f64.sqrt() - 1.0);
-    let count = DIRECTIONS[usize::from(dimension == 3)];
     let direction = |i: usize| {
         if dimension == 2 {
             let (sin, cos) = (TAU * i as f64 / count as f64).sin_cos();

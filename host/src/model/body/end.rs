@@ -36,7 +36,8 @@ impl Side {
 
     /// Where it ends, and the deviation of all its ends from there, when so many contacts fell anywhere on its surface
     /// alike: each end is the less likely the larger that is. Before them, a side that narrows ends in its tip or is
-    /// cut off before, and a cut is anywhere as far from `middle` as ends usually are. `None` where numbers are none.
+    /// cut off before, and a cut is anywhere as far from `middle` as ends usually are: where it was felt farther away
+    /// than that, about as far as there, and the less certainly the farther. `None` where numbers are none.
     ///
     /// It ends in its tip where that is more probable than all cuts, and else at their mean: between them is hardly
     /// any body, and a tip far away that is improbable would draw the mean of all to it. Of cuts the mean, since two
@@ -47,10 +48,12 @@ impl Side {
         let farthest = FARTHEST * (self.high - self.low).max(USUAL.0);
         let tip = tip.max(self.high);
         let room = (tip - self.high).min(farthest);
+        let usual = USUAL.0.max(self.high - middle);
+        let deviation = USUAL.1 * 0.5 * (1.0 + usual / USUAL.0);
         let likelihood = |at: f64| (self.area(self.high) / self.area(at)).powf(contacts as f64);
         let cuts = (0..PLACES).map(|step| {
             let at = self.high + room * (f64::from(step) + 0.5) / f64::from(PLACES);
-            let odd = (at - middle - USUAL.0) / USUAL.1;
+            let odd = (at - middle - usual) / deviation;
             (at, (-0.5 * odd * odd).exp())
         });
         let before: f64 = cuts.clone().map(|(_, prior)| prior).sum();
@@ -119,6 +122,16 @@ mod tests {
             assert!((0.35..0.45).contains(&(end - high)), "{high} {end}");
             assert!((0.3..0.4).contains(&deviation), "{high} {deviation}");
         }
+    }
+
+    #[test]
+    fn the_farther_a_rod_was_felt_the_farther_beyond_it_ends() {
+        let rod = |high: f64| Side { radius: 0.1, low: -high, high, ..CAN }.end(5, 0.0).unwrap();
+        let ((short, _), (long, deviation)) = (rod(1.0), rod(4.0));
+        // Nearly in proportion: the ball about the contacts is as large for both.
+        let ratio = (long - 4.0) / (short - 1.0);
+        assert!((2.0..4.0).contains(&ratio), "{ratio}");
+        assert!(deviation > 0.5 * (long - 4.0), "{deviation}");
     }
 
     #[test]

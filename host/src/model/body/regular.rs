@@ -93,17 +93,16 @@ impl Regular {
         let mut found: Vec<(f64, f64, Body)> = SIDES.filter_map(best).collect();
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
         found.truncate(KEPT);
-        let Some(first) = found.first().map(|(_, rarity, _)| *rarity) else { return vec![] };
         let kinds = (SIDES.count() as f64).ln();
-        let body = |(_, rarity, body): (f64, f64, Body)| {
-            let oddity = body.oddity + rarity - first + kinds;
+        let body = |(_, turn, body): (f64, f64, Body)| {
+            let oddity = body.oddity + turn + kinds;
             Body { oddity, ..body }
         };
         found.into_iter().map(body).collect()
     }
 
-    /// Of so many sides about one of the axes, with what speaks against it and how much of that the contacts'
-    /// places are, nats up to a constant.
+    /// Of so many sides about one of the axes, with what speaks against it, nats up to a constant, and how much of
+    /// that its turn is.
     fn best(problem: &Problem, kind: Kind, axes: &[Point]) -> Option<(f64, f64, Body)> {
         let begun = |axis: &Point| {
             let regular = Regular::of(problem, kind, *axis)?;
@@ -117,10 +116,10 @@ impl Regular {
         if measured < DECIDED * (measured - body.degrees) {
             return None;
         }
-        let rarity = regular.rarity(fit.parameters(), problem);
-        let against = 0.5 * fit.cost + rarity;
+        let turn = regular.turn();
+        let against = 0.5 * fit.cost + regular.rarity(fit.parameters(), problem) + turn;
         let body = regular.ended(body, fit.parameters(), problem);
-        against.is_finite().then_some((against, rarity, body))
+        against.is_finite().then_some((against, turn, body))
     }
 
     /// About the axis, turned as normals across it say.
@@ -262,7 +261,13 @@ impl Regular {
         })
     }
 
-    /// How little likely contacts are on a surface as large, and how likely the turn among as few, nats.
+    /// How much less likely the turn is than among as many as a parameter has before any contact, nats: those up to
+    /// that of one side are alike.
+    fn turn(&self) -> f64 {
+        -(self.kind.sides as f64 * SHAPE / TAU.sqrt()).ln()
+    }
+
+    /// How little likely contacts are on a surface as large, nats.
     fn rarity(&self, numbers: &DVector<f64>, problem: &Problem) -> f64 {
         let around = self.kind.around();
         let size = if self.dimension == 2 {
@@ -271,8 +276,7 @@ impl Regular {
             let side = self.side(numbers, problem.felt(), 1.0);
             0.5 * around * side.area(side.high)
         };
-        let turn = self.kind.sides as f64 * SHAPE / TAU.sqrt();
-        problem.places() as f64 * size.ln() - turn.ln()
+        problem.places() as f64 * size.ln()
     }
 
     /// Its sides towards the end along the axis or, where `way` is -1, against it, as those of a round body.

@@ -116,6 +116,31 @@ fn a_body_that_explains_the_contacts_leaves_no_room_for_the_ball() {
 }
 
 #[test]
+fn of_bodies_that_explain_contacts_alike_the_smaller_is_likelier() {
+    let (dimension, contacts, _) = touched("rectangle:0.1x0.05", 12, 3000);
+    let faces = Faces::fit(dimension, &contacts).unwrap();
+    let of = |body: Body, size: Option<f64>| {
+        let search = residual(dimension, &contacts);
+        let candidate = Candidate::new(dimension, &contacts, 0.05, body, search).unwrap();
+        Candidate { evidence: 0.0, size, ..candidate }
+    };
+    let block = || Body::block(dimension, &contacts, &faces).unwrap();
+    let ball = Body::ball(dimension, &contacts).unwrap();
+    assert!(explains(&block()) && !explains(&ball));
+    // A ball that explains nothing is small for no reason; what has no size gains nothing by it.
+    let sizes = [(block(), Some(0.36)), (block(), Some(0.3)), (block(), None), (ball, Some(0.1))];
+    let mut all = sizes.map(|(body, size)| of(body, size));
+    count_sizes(&contacts, &mut all);
+    let larger = -(places::places(&contacts) as f64) * 1.2f64.ln();
+    for (candidate, expected) in all.iter().zip([larger, 0.0, larger, 0.0]) {
+        assert!((candidate.evidence - expected).abs() < 1e-9, "{} {expected}", candidate.evidence);
+    }
+    // Its sides are 0.3 m together.
+    let size = Candidate::new(dimension, &contacts, 0.05, block(), residual(dimension, &contacts));
+    assert!((size.unwrap().size.unwrap() - 0.3).abs() < 0.02);
+}
+
+#[test]
 fn bodies_that_do_not_explain_the_contacts_share_with_the_ball() {
     // A disc with three lobes, which is neither a ball nor another quadric.
     let touch = |i: i32| {
