@@ -25,13 +25,15 @@ const GRAZING: f64 = 0.02;
 
 impl Body {
     /// The length of its outline in the plane, in metres, or the area of its surface in space, in m², as seen from the
-    /// contacts' middle. `None` where that does not lie inside, and where the body goes on farther than 16 times as far as
-    /// contacts do.
-    pub fn size(&self, dimension: usize, contacts: &[Contact]) -> Option<f64> {
+    /// contacts' middle. `None` where that does not lie inside, where the body goes on 16 times as far as contacts do
+    /// from there, and where numbers are none.
+    pub(crate) fn size(&self, dimension: usize, contacts: &[Contact]) -> Option<f64> {
         let count = contacts.len().max(1) as f64;
         let centre = contacts.iter().map(|c| c.point).sum::<Point>() / count;
         let reach = contacts.iter().map(|c| (c.point - centre).norm()).fold(0.0, f64::max);
-        if !(reach > 0.0 && reach.is_finite() && self.active(&centre).1.0 < 0.0) {
+        // A greatest reach knows nothing of what is no number, their sum does.
+        let is_usable = reach > 0.0 && reach.is_finite() && centre.norm().is_finite();
+        if !(is_usable && self.active(&centre).1.0 < 0.0) {
             return None;
         }
         // Of a rod most directions spread evenly would leave through the sides near the middle.
@@ -141,5 +143,7 @@ mod tests {
         assert_eq!(block.size(3, &far), None);
         assert_eq!(block.size(3, &[]), None);
         assert_eq!(block.size(3, &contacts[..1]), None);
+        let none = Contact { point: Point::new(f64::NAN, 0.0, 0.0), ..contacts[0] };
+        assert_eq!(block.size(3, &[&contacts[..], &[none]].concat()), None);
     }
 }
