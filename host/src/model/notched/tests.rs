@@ -168,7 +168,7 @@ proptest! {
         let other = Folded::of(&whole).likelihood(&felt, &RARE, f64::NEG_INFINITY);
         prop_assert_eq!(own.is_some(), other.is_some());
         if let (Some(own), Some(other)) = (own, other) {
-            prop_assert!((own - other).abs() < 1e-7, "{} {}", own, other);
+            prop_assert!((own - other).abs() < 1e-9, "{} {}", own, other);
             prop_assert_eq!(folded.likelihood(&felt, &RARE, own - 1e-9), Some(own));
             prop_assert_eq!(folded.likelihood(&felt, &RARE, own + 1e-9), None);
         }
