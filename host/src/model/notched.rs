@@ -186,8 +186,9 @@ impl Notched {
         let across = (0..self.dimension).filter(|other| *other != axis);
         let within = across.map(|other| {
             let [low, high] =
-                facet.spans[other].map(|at| below((felt.point[other] - at) / felt.deviations.0));
-            low - high
+                facet.spans[other].map(|at| (felt.point[other] - at) / felt.deviations.0);
+            // Far above both ends the shares below are nearly 1, and their difference all rounding.
+            if high > 0.0 { below(-high) - below(-low) } else { below(low) - below(high) }
         });
         within.product::<f64>() * (-0.5 * cost).exp()
     }

@@ -135,6 +135,12 @@ fn of_bodies_that_explain_contacts_alike_the_smaller_is_likelier() {
     for (candidate, expected) in all.iter().zip([larger, 0.0, larger, 0.0]) {
         assert!((candidate.evidence - expected).abs() < 1e-9, "{} {expected}", candidate.evidence);
     }
+    // Contacts of one side do not fall anywhere.
+    let up = |c: &Contact| Contact { normal: Some(Point::new(0.3, 1.0, 0.0).normalize()), ..*c };
+    let one_side: Vec<Contact> = contacts.iter().map(up).collect();
+    let before: Vec<f64> = all.iter().map(|candidate| candidate.evidence).collect();
+    count_sizes(&one_side, &mut all);
+    assert!(all.iter().map(|candidate| candidate.evidence).eq(before));
     // Its sides are 0.3 m together.
     let size = Candidate::new(dimension, &contacts, 0.05, block(), residual(dimension, &contacts));
     assert!((size.unwrap().size.unwrap() - 0.3).abs() < 0.02);
