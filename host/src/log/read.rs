@@ -306,7 +306,7 @@ fn grasp(line: Line<'_>, mut fields: Fields<'_>, log: &GraspLog) -> Result<Logge
     let mut nested = Map::new();
     let mut motion = None;
     if let Some(item) = fields.optional("motion") {
-        let (known, rest) = item.pose(dimension)?;
+        let (known, rest) = item.motion(dimension)?;
         motion = Some(known);
         keep(&mut nested, "motion", rest);
     }

@@ -210,6 +210,11 @@ fn grasps_are_checked() {
     motion(r#"{"translation":[1,2]}"#, "rotation", "an angle in radians");
     motion(r#"{"translation":[1,2],"rotation":[0,0,0,1]}"#, "rotation", "a finite number");
     motion(r#"{"translation":[1,2,3],"rotation":0}"#, "translation", "[x, y]");
+    motion(
+        r#"{"translation":[0,0],"rotation":-12}"#,
+        "rotation",
+        "radians, of a full turn at most",
+    );
     let spatial = |rotation: &str, expected: &str| {
         let grasp = format!(
             r#"{{"grasp":1,"contacts":[],"truth":{{"pose":{{"translation":[1,2,3],"rotation":{rotation}}}}}}}"#

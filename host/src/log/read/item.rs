@@ -1,5 +1,6 @@
 //! Values of a log with their place, so that whatever is wrong with one can be named.
 
+use std::f64::consts::{PI, TAU};
 use std::path::Path;
 
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
@@ -223,8 +224,7 @@ impl<'a> Item<'a> {
         if dimension == 2 {
             let angle = fields.required("rotation", "an angle in radians")?.number()?;
             // Left alone when already in range, so that it is written as it was read.
-            let pi = std::f64::consts::PI;
-            let angle = if angle.abs() <= pi { angle } else { angle.sin().atan2(angle.cos()) };
+            let angle = if angle.abs() <= PI { angle } else { angle.sin().atan2(angle.cos()) };
             return Ok((space::planar(translation.x, translation.y, angle), fields));
         }
         let what = "a unit quaternion [x, y, z, w]";
@@ -242,6 +242,18 @@ impl<'a> Item<'a> {
             UnitQuaternion::new_unchecked(q)
         };
         Ok((Pose::from_parts(Translation3::from(translation), q), fields))
+    }
+
+    /// How the hand moved the object between two grasps: in the plane by a full turn at most. Of motions in degrees
+    /// hardly any is less.
+    pub(super) fn motion(self, dimension: usize) -> Result<(Pose, Fields<'a>), LogError> {
+        let turn = self.value.get("rotation").and_then(Value::as_f64);
+        if let Some(turn) = turn.filter(|turn| dimension == 2 && turn.abs() > TAU) {
+            let path = format!("{}.rotation", self.path);
+            let item = Item { line: self.line, path, value: turn.into() };
+            return Err(item.wrong("an angle in radians, of a full turn at most"));
+        }
+        self.pose(dimension)
     }
 
     pub(super) fn finger(self, fingers: &[String]) -> Result<usize, LogError> {
