@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::Error;
 use crate::log::write::is_same_file;
+use crate::log::{GraspLog, TrueShape};
 use crate::sim::ObjectSpec;
 use crate::slam::output::RESULTS;
 
@@ -16,6 +17,14 @@ pub(super) fn apart(input: &Path, output: &Path, option: &str) -> Result<(), Err
         )));
     }
     Ok(())
+}
+
+/// Refuses an output that is the true mesh of a log that is read.
+pub(super) fn apart_from_truth(log: &GraspLog, output: &Path, option: &str) -> Result<(), Error> {
+    match &log.shape {
+        Some(TrueShape::Mesh { file, .. }) => apart(file, output, option),
+        _ => Ok(()),
+    }
 }
 
 /// Refuses a folder of results one of which would replace `input`.

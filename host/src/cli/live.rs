@@ -14,7 +14,7 @@ use self::record::Target;
 use self::watch::Watch;
 use super::bundled::Bundled;
 use super::slam::Input;
-use super::terminal::{Progress, note, say, tell, tell_report};
+use super::terminal::{Progress, note, say, tell, tell_report, warn};
 use super::view_address::Address;
 use super::{Error, files};
 use crate::graph::{self, joint};
@@ -24,10 +24,10 @@ use crate::link::qemu::Qemu;
 use crate::link::session::{SensedError, settings_for, steps};
 use crate::link::tcp::Tcp;
 use crate::link::{GraspOutcome, Link, LogOutcome, Patience, Session, virtual_board};
-use crate::log::GraspLog;
 use crate::log::inspection::capacity;
 use crate::log::recording::Header;
-use crate::log::words::{Sensors, Words};
+use crate::log::words::{Sensors, Words, WordsError};
+use crate::log::{GraspLog, LoggedContact};
 use crate::slam::choose::Choice;
 use crate::slam::output::{self, Provenance, conclude};
 use crate::slam::track::Step;
@@ -88,8 +88,8 @@ pub struct LiveArgs {
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1000))]
     correct_every: usize,
     /// Show the board's fingertips the raw words in the log (of simulate --sensors) instead of telling
-    /// it the contacts: it estimates them itself. Takes the image spatial-sensing, whose sensors are
-    /// scripted, and whose tracker is hypotheses
+    /// it the contacts: it estimates them itself, and is told those without words. Takes the image
+    /// spatial-sensing, whose sensors are scripted, and whose tracker is hypotheses
     #[arg(long, conflicts_with = "graph")]
     sensors: bool,
     /// Folder for the results
@@ -216,6 +216,9 @@ pub fn run(args: &LiveArgs) -> Result<(), Error> {
     }
     let input = Input::open(args.log.as_deref(), args.bundled, &args.out)?;
     let Input { log, name, truth } = &input;
+    if let Some(record) = &args.record {
+        files::apart_from_truth(log, record, "--record")?;
+    }
     fits_frames(log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
     let sensors = sensors(args, log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
     let sensors = sensors.as_ref();
@@ -310,9 +313,15 @@ fn sensors(args: &LiveArgs, log: &GraspLog) -> Result<Option<Sensors>, Error> {
     let sensors = sensors.ok_or_else(none)?;
     for grasp in &log.grasps {
         let unreadable = |e| Error::Input(format!("grasp {}: {e}", grasp.index));
-        grasp.contacts.iter().try_for_each(|c| Words::of(c).map(drop)).map_err(unreadable)?;
+        grasp.contacts.iter().try_for_each(|c| readable(&sensors, c)).map_err(unreadable)?;
     }
     Ok(Some(sensors))
+}
+
+/// Whether what a contact's sensor read can be shown to a board.
+fn readable(sensors: &Sensors, contact: &LoggedContact) -> Result<(), WordsError> {
+    let Some((finger, words)) = contact.finger.zip(Words::of(contact)?) else { return Ok(()) };
+    words.words.iter().try_for_each(|reading| sensors.on_wire(finger, reading).map(drop))
 }
 
 fn feed<S: Bridge + WireSpace>(
@@ -331,7 +340,7 @@ fn feed<S: Bridge + WireSpace>(
         None => converse::<S>(link, log, sensors, args, watch),
         Some(file) => {
             let header = Header::new(log.dimension, log.fingers.clone(), log.description.clone());
-            let recorded = file.record(link, &header).map_err(Error::failure)?;
+            let recorded = file.record::<S, _>(link, &header).map_err(Error::failure)?;
             converse::<S>(recorded, log, sensors, args, watch)
         }
     }
@@ -429,11 +438,35 @@ fn converse<S: Bridge + WireSpace>(
         None => run(),
     }?;
     let seconds = start.elapsed().as_secs_f64() - teaching;
+    for (count, what) in left_out(&outcome).into_iter().zip(["contacts", "free points"]) {
+        if count > 0 {
+            let room = outcome.hello.contacts;
+            warn(format_args!("{count} {what} beyond {room} in a grasp are left out"));
+        }
+    }
     let mut board = figures(&outcome);
     let mut text = words(&outcome);
     if sensors.is_some() {
         let felt: usize = outcome.grasps.iter().map(|g| g.felt.len()).sum();
         let logged: usize = log.grasps.iter().map(|g| g.contacts.len()).sum();
+        let shown = outcome.shown;
+        if felt == 0 && shown > 0 {
+            return Err(Error::Failure(format!(
+                "the board felt none of the {shown} contacts whose words it was shown: expected those of \
+                 fingertips as `sensors` in the log's header says"
+            )));
+        }
+        for (count, what) in [
+            (
+                logged.saturating_sub(shown),
+                "are told as the log has them: without words, or of no finger with sensors",
+            ),
+            (shown.saturating_sub(felt), "were shown, but not felt: the poses do without them"),
+        ] {
+            if count > 0 {
+                warn(format_args!("{count} of {logged} contacts {what}"));
+            }
+        }
         if let Some(fields) = board.as_object_mut() {
             fields.insert("felt".into(), felt.into());
         }
@@ -496,12 +529,6 @@ fn words<S: WireSpace>(outcome: &LogOutcome<S>) -> String {
             "\nupdate         at most {:.1} ms by the board's clock",
             f64::from(health.worst_update) / 1e3
         );
-    }
-    for (count, what) in left_out(outcome).into_iter().zip(["contacts", "free points"]) {
-        if count > 0 {
-            let room = hello.contacts;
-            text += &format!("\nleft out       {count} {what} beyond {room} in a grasp");
-        }
     }
     text
 }

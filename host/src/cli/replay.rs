@@ -65,7 +65,13 @@ impl Format {
 /// Where the output goes: one that nobody named replaces nothing.
 fn output(args: &ReplayArgs) -> Result<PathBuf, Error> {
     if let Some(output) = &args.output {
-        return files::apart(&args.file, output, "--output").map(|()| output.clone());
+        files::apart(&args.file, output, "--output")?;
+        // Only what is there can be lost.
+        let log = (is_log(&args.file) && output.exists()).then(|| GraspLog::salvage(&args.file));
+        if let Some(Ok((log, _))) = log {
+            files::apart_from_truth(&log, output, "--output")?;
+        }
+        return Ok(output.clone());
     }
     let output = args.file.with_extension(args.to.ending());
     if output.exists() {

@@ -52,6 +52,21 @@ impl Kind {
             Kind::Electrodes => ELECTRODES,
         }
     }
+
+    /// Least and most that its converter gives.
+    fn range(self) -> (i32, i32) {
+        match self {
+            Kind::Wrench => (-0x80_0000, 0x7f_ffff),
+            Kind::Electrodes => (0, 0xfff),
+        }
+    }
+
+    /// Whether its converter gives such words.
+    fn gives(self, finger: usize, reading: &[i32]) -> Result<(), WordsError> {
+        let (from, to) = self.range();
+        let word = reading.iter().copied().find(|word| !(from..=to).contains(word));
+        word.map_or(Ok(()), |word| Err(WordsError::Word { finger, word, from, to }))
+    }
 }
 
 /// A cylinder with a spherical cap, metres.
@@ -106,10 +121,20 @@ pub enum WordsError {
     /// A finger has no calibration or no readings at rest.
     #[error("finger {0}: no calibration, or no readings at rest")]
     Finger(usize),
-    /// A reading has too few or too many words, or one that its converter cannot give.
-    #[error(
-        "finger {finger}: a reading of {found} words, expected {expected} of its converter's range"
-    )]
+    /// A converter cannot give such a word.
+    #[error("finger {finger}: a word of {word}, expected {from} to {to} of its converter")]
+    Word {
+        /// Which.
+        finger: usize,
+        /// What it is.
+        word: i32,
+        /// Least that there is.
+        from: i32,
+        /// Most that there is.
+        to: i32,
+    },
+    /// A reading has too few or too many words.
+    #[error("finger {finger}: a reading of {found} words, expected {expected}")]
     Reading {
         /// Which.
         finger: usize,
@@ -213,21 +238,16 @@ impl Sensors {
     /// A finger's reading as it goes to a board.
     ///
     /// # Errors
-    /// [`WordsError::Reading`].
+    /// [`WordsError::Reading`] and [`WordsError::Word`].
     pub fn on_wire(&self, finger: usize, reading: &[i32]) -> Result<wire::Words, WordsError> {
         let expected = self.kind.channels();
         let bad = || WordsError::Reading { finger, found: reading.len(), expected };
+        self.kind.gives(finger, reading)?;
         match self.kind {
-            Kind::Wrench => {
-                let credible = |word: &i32| (-0x80_0000..=0x7f_ffff).contains(word);
-                let words = Some(reading).filter(|words| words.iter().all(credible));
-                let words = words.and_then(|words| words.try_into().ok());
-                words.map(wire::Words::Gauges).ok_or_else(bad)
-            }
+            Kind::Wrench => reading.try_into().map(wire::Words::Gauges).map_err(|_| bad()),
             Kind::Electrodes => {
-                let words: Option<Vec<u16>> =
-                    reading.iter().map(|w| u16::try_from(*w).ok().filter(|w| *w < 4096)).collect();
-                let electrodes = words.and_then(|words| words.try_into().ok()).ok_or_else(bad)?;
+                let words: Vec<u16> = reading.iter().map(|word| *word as u16).collect();
+                let electrodes = words.try_into().map_err(|_| bad())?;
                 // The log has the electrodes alone, and contacts are made of them alone.
                 let [pressure, vibration, temperature, heat_flow] = [2048; 4];
                 Ok(wire::Words::Electrodes {
@@ -257,7 +277,7 @@ impl Sensors {
             Kind::Wrench => {
                 let matrix = self.calibration.get(finger).ok_or(WordsError::Finger(finger))?;
                 let matrix = matrix.map(|row| row.map(|v| v as f32));
-                let range = (-0x80_0000, 0x7f_ffff);
+                let range = self.kind.range();
                 let gauges = GaugeCalibration::new(matrix, range, WrenchSettings::NANO17);
                 let skin = Fingertip { shape, edge: None };
                 let mut settings = WrenchSettings::nano17(gauges.map_err(refused)?, skin);

@@ -51,6 +51,11 @@ impl Step {
         }
     }
 
+    /// Whether it is [`certain`](Step::certain), or of a first grasp, whose pose is the frame.
+    pub fn is_certain(&self) -> bool {
+        self.status == Status::Tracking && !self.corrected && self.covariance == Matrix6::zeros()
+    }
+
     /// The same at the pose that all grasps together say. One that had been lost is so no longer where it
     /// `is_found`: most of what it felt lies on the object there.
     pub fn at(&self, pose: Pose, covariance: Matrix6<f64>, is_found: bool) -> Self {

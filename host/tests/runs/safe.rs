@@ -43,6 +43,9 @@ fn what_is_read_is_not_written_over() {
         ("import off a.off -o a.off", "a.off"),
         ("simulate --object polygon:a.csv -o a.csv", "a.csv"),
         ("live --port virtual --log a.jsonl --record a.jsonl --out live", "a.jsonl"),
+        ("live --port virtual --log o/shape.jsonl --record o/shape.ply", "o/shape.ply"),
+        ("replay o/shape.jsonl --to html -o o/shape.ply", "o/shape.ply"),
+        ("replay o/shape.jsonl -o o/../o/shape.ply", "o/shape.ply"),
         ("slam o/shape.jsonl --out o", "o/shape.ply"),
         ("explore --object o/shape.ply --out o", "o/shape.ply"),
     ] {

@@ -71,6 +71,19 @@ fn a_drift_is_corrected() {
 }
 
 #[test]
+fn true_poses_stay_whatever_the_hand_says_it_did() {
+    for seed in [3, 5] {
+        let mut with = options("rectangle:0.12x0.06", seed);
+        with.motion_noise = Deviation { length: 5e-3, angle: 0.17 };
+        let log = simulate(&with).unwrap().log;
+        let found = correct(&log, &truth(&log).unwrap()).unwrap();
+        for [shift, turn] in errors(&log, found.steps.iter().map(|s| s.pose)) {
+            assert!(shift < 3e-4 && turn < 3e-3, "{seed}: {shift} {turn}");
+        }
+    }
+}
+
+#[test]
 fn similar_grasps_are_found_and_their_faces_are_true() {
     let log = simulate(&everywhere("rectangle:0.10x0.06", 6, 1)).unwrap().log;
     let found = correct(&log, &truth(&log).unwrap()).unwrap();

@@ -61,7 +61,7 @@ impl<S: Bridge + WireSpace, L: Link> Session<S, L> {
             }
         }
         let received = *self.decoder.counters();
-        Ok(LogOutcome { hello, grasps, received, repeated: self.repeated })
+        Ok(LogOutcome { hello, grasps, received, repeated: self.repeated, shown: 0 })
     }
 }
 

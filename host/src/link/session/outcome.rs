@@ -49,6 +49,8 @@ pub struct LogOutcome<S: WireSpace> {
     pub received: Counters,
     /// Frames sent again.
     pub repeated: u32,
+    /// Contacts of the log that the board was not told, but shown what its sensors read.
+    pub shown: usize,
 }
 
 impl<S: Bridge + WireSpace> LogOutcome<S> {

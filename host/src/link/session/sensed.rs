@@ -72,6 +72,7 @@ impl<S: Bridge + WireSpace, L: Link> Session<S, L> {
             self.show_all(finger, sensors, &sensors.rest[finger], clock)?;
         }
         let mut grasps = Vec::with_capacity(log.grasps.len());
+        let mut all_shown = 0;
         for (number, grasp) in log.grasps.iter().enumerate() {
             let mut told = LoggedGrasp { contacts: Vec::new(), ..grasp.clone() };
             let mut shown = vec![false; fingers];
@@ -87,6 +88,7 @@ impl<S: Bridge + WireSpace, L: Link> Session<S, L> {
                     _ => told.contacts.push(contact.clone()),
                 }
             }
+            all_shown += shown.iter().filter(|is_shown| **is_shown).count();
             let motion = grasp.motion.as_ref().map(S::pose);
             let contacts = track::contacts::<S>(&told, &log.noise);
             let free = track::free_points::<S>(grasp);
@@ -95,7 +97,7 @@ impl<S: Bridge + WireSpace, L: Link> Session<S, L> {
             grasps.push(outcome);
         }
         let received = *self.decoder.counters();
-        Ok(LogOutcome { hello, grasps, received, repeated: self.repeated })
+        Ok(LogOutcome { hello, grasps, received, repeated: self.repeated, shown: all_shown })
     }
 
     /// Shows a finger readings in a row, of which the first comes after a pause.
@@ -187,6 +189,8 @@ mod tests {
         let outcome = session().run_sensed(&log, &sensors, settings, |_, _| ()).unwrap();
         let felt: Vec<usize> = outcome.grasps.iter().map(|g| g.felt.len()).collect();
         assert_eq!(felt[0] + 1, log.grasps[0].contacts.len());
+        let all: usize = log.grasps.iter().map(|grasp| grasp.contacts.len()).sum();
+        assert_eq!(outcome.shown, all - 2);
         assert_eq!(usize::from(outcome.grasps[0].estimate.contacts), felt[0] + 1);
 
         let error = |log: &GraspLog, sensors: &Sensors| {
@@ -195,6 +199,8 @@ mod tests {
         let mut bad = sensors.clone();
         bad.rest[1][3].pop();
         assert!(error(&log, &bad).contains("5 words, expected 6"));
+        bad.rest[1][3].push(9_000_000);
+        assert!(error(&log, &bad).contains("a word of 9000000, expected -8388608 to 8388607"));
         bad = sensors.clone();
         bad.calibration[2][1] = bad.calibration[2][0];
         assert!(error(&log, &bad).contains("singular"), "{}", error(&log, &bad));
