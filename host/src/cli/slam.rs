@@ -113,7 +113,8 @@ impl Input {
         };
         reconstruct::check(&log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
         check_folder(out).map_err(Error::input)?;
-        if let Some(doubt) = normals::doubt(&log) {
+        let of_truth = truth.as_ref().and_then(|shape| units::truth(&log, shape));
+        for doubt in [normals::doubt(&log), units::noise(&log), of_truth].into_iter().flatten() {
             warn(format_args!("{name}: {doubt}"));
         }
         Ok(Input { log, name, truth })

@@ -137,14 +137,17 @@ pub struct Run<'a> {
 }
 
 /// Maps the true object frame to the estimated one: the two are free to differ, so they are made to
-/// agree at the first grasp whose true pose is known. `None` if none is.
+/// agree at the first grasp with a contact whose true pose is known: before, nobody knows where the object is. Where
+/// nothing was felt, at the first whose true pose is known; `None` if none is.
 pub fn gauge(grasps: &[JudgedGrasp]) -> Option<Pose> {
-    grasps.iter().find_map(|g| g.truth.map(|truth| g.estimate.inverse() * truth))
+    let known = || grasps.iter().filter_map(|g| Some((g, g.estimate.inverse() * g.truth?)));
+    let (_, gauge) = known().find(|(g, _)| !g.contacts.is_empty()).or_else(|| known().next())?;
+    Some(gauge)
 }
 
 /// The error of every pose that has a true one, given the [`gauge`]: the motion from the true pose
-/// to the estimated one, seen from the true object frame, but for turns that nobody can see. The first is zero by
-/// construction.
+/// to the estimated one, seen from the true object frame, but for turns that nobody can see. Where the frames
+/// agree it is zero by construction.
 pub fn pose_errors(grasps: &[JudgedGrasp], gauge: &Pose, symmetry: &Symmetry) -> Vec<PoseError> {
     grasps
         .iter()
@@ -412,6 +415,22 @@ mod tests {
         assert_eq!(fixed.to_json().unwrap(), expected);
         let again: Report = serde_json::from_str(expected).unwrap();
         assert_eq!(again, fixed);
+    }
+
+    #[test]
+    fn frames_agree_where_something_was_felt() {
+        let mut grasps = grasps(planar(0.01, -0.02, 0.5));
+        let felt = gauge(&grasps).unwrap();
+        // A slip that nobody felt, before.
+        let slipped = grasps[0].truth.map(|truth| truth * planar(0.03, 0.0, 0.4));
+        let empty = JudgedGrasp { truth: slipped, contacts: vec![], ..grasps[0].clone() };
+        grasps.insert(0, empty);
+        assert_eq!(gauge(&grasps), Some(felt));
+        let errors = pose_errors(&grasps, &felt, &Symmetry::none());
+        assert!((errors[0].translation_mm - 30.0).abs() < 1e-6 && errors[1].translation_mm < 1e-6);
+        // Where nothing was, somewhere.
+        grasps.truncate(1);
+        assert!(gauge(&grasps).is_some());
     }
 
     #[test]
