@@ -36,6 +36,12 @@ pub(super) fn spare(input: &Path, folder: &Path) -> Result<(), Error> {
 pub(super) fn beside(output: &Path, option: &str, folder: &Path) -> Result<(), Error> {
     let place =
         |path: &Path| std::fs::canonicalize(path).or_else(|_| std::path::absolute(path)).ok();
+    if place(output).is_some_and(|file| Some(file) == place(folder)) {
+        let name = output.display();
+        return Err(Error::Input(format!(
+            "{option}: {name} is the folder of the results; expected another place"
+        )));
+    }
     let named = output.file_name().is_some_and(|name| RESULTS.iter().any(|result| name == *result));
     let above = output.parent().filter(|p| *p != Path::new("")).unwrap_or(Path::new("."));
     if named && place(above) == place(folder) {

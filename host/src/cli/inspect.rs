@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::terminal::{say, warn};
+use super::terminal::{plain, say, warn};
 use super::{Error, normals};
 use crate::log::GraspLog;
 use crate::log::inspection::inspect_recording;
@@ -55,7 +55,7 @@ pub fn inspect_log(file: &Path, json: bool) -> Result<(), Error> {
     if json {
         say(serde_json::to_string_pretty(&summary).map_err(Error::failure)?)
     } else {
-        say(format_args!("{}\n{}", file.display(), summary.text().trim_end()))?;
+        say(plain(format_args!("{}\n{}", file.display(), summary.text().trim_end())))?;
         courses::of_log(&log).iter().try_for_each(say)
     }?;
     if let Some(doubt) = normals::doubt(&log) {
@@ -76,7 +76,7 @@ fn inspect_tac(file: &Path, json: bool) -> Result<(), Error> {
     if json {
         say(serde_json::to_string_pretty(&inspection.to_json()).map_err(Error::failure)?)
     } else {
-        say(format_args!("{}\n{}", file.display(), inspection.to_string().trim_end()))?;
+        say(plain(format_args!("{}\n{}", file.display(), inspection.to_string().trim_end())))?;
         courses::of_recording(&inspection.replayed).iter().try_for_each(say)
     }
 }

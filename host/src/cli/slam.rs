@@ -201,6 +201,11 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
     let start = Instant::now();
     let corrected = kind.correct(log, &steps);
     let graph_seconds = start.elapsed().as_secs_f64();
+    if corrected.is_none() && kind == graph::Kind::Pairwise {
+        warn(format_args!(
+            "{name}: no two grasps felt faces that tell their relative pose: --graph pairwise corrects nothing"
+        ));
+    }
     let (steps, relative, faces) = match corrected {
         Some(graph::Corrected { steps, relative, faces }) => (steps, Some(relative), faces),
         None => (steps, None, None),

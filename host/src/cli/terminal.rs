@@ -59,8 +59,16 @@ pub(super) fn announce(text: impl Display) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
+/// Text that somebody else may have written, without what terminals obey.
+pub(super) fn plain(text: impl Display) -> String {
+    let text = text.to_string();
+    let is_plain = |c: char| !c.is_control() || matches!(c, '\n' | '\t');
+    text.chars().map(|c| if is_plain(c) { c } else { char::REPLACEMENT_CHARACTER }).collect()
+}
+
 /// Says on standard error what is not as it should be.
 pub(super) fn warn(text: impl Display) {
+    let text = plain(text);
     let _ = writeln!(
         std::io::stderr(),
         "{} {text}",
@@ -70,6 +78,7 @@ pub(super) fn warn(text: impl Display) {
 
 /// Says on standard error why the program gives up.
 pub(super) fn fail(text: impl Display) {
+    let text = plain(text);
     let _ = writeln!(
         std::io::stderr(),
         "{} {text}",
@@ -263,6 +272,11 @@ mod tests {
         assert_eq!(duration(61.2), "1 min 02 s");
         assert_eq!(duration(7_260.0), "2 h 01 min");
         assert_eq!(duration(f64::INFINITY), duration(1e9));
+    }
+
+    #[test]
+    fn text_of_others_commands_no_terminal() {
+        assert_eq!(plain("a\x1b[2J\u{9b}1m\r\tb\ncafé"), "a\u{fffd}[2J\u{fffd}1m\u{fffd}\tb\ncafé");
     }
 
     #[test]

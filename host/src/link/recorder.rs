@@ -34,17 +34,22 @@ impl<L: Link, W: Write> Recorder<L, W> {
 impl<L, W: Write> Recorder<L, W> {
     /// Writes down what has come since the last delimiter.
     fn write_down(&mut self) -> io::Result<()> {
-        if !self.partial.is_empty() {
-            self.writer.append(self.start.elapsed(), Direction::FromBoard, &self.partial)?;
-            self.partial.clear();
-        }
-        Ok(())
+        let partial = std::mem::take(&mut self.partial);
+        if partial.is_empty() { Ok(()) } else { self.append(Direction::FromBoard, &partial) }
+    }
+
+    /// Writes down what passed; an error says that it is the recording's and not the link's.
+    fn append(&mut self, way: Direction, bytes: &[u8]) -> io::Result<()> {
+        let unwritable = |e: io::Error| {
+            io::Error::new(e.kind(), format!("the recording cannot be written: {e}"))
+        };
+        self.writer.append(self.start.elapsed(), way, bytes).map_err(unwritable)
     }
 }
 
 impl<L: Link, W: Write> Link for Recorder<L, W> {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.writer.append(self.start.elapsed(), Direction::ToBoard, bytes)?;
+        self.append(Direction::ToBoard, bytes)?;
         self.link.send(bytes)
     }
 

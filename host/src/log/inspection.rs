@@ -56,7 +56,7 @@ impl Inspection {
             "refused": r.refused,
             "left_out": {
                 "grasps": r.left_out.grasps, "contacts": r.left_out.contacts,
-                "motions": r.left_out.motions,
+                "motions": r.left_out.motions, "noise": r.left_out.noise,
             },
         })
     }

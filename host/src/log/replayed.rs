@@ -286,6 +286,8 @@ fn listen_in<S: Bridge + WireSpace>(
     collector.tell();
     collector.rest.to_board = *to_board.counters();
     collector.rest.from_board = *from_board.counters();
+    let is_told = collector.rest.noise != Noise::default();
+    collector.rest.left_out.noise = !is_told && to_board.counters().lost > 0;
     collector.rest
 }
 

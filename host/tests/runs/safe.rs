@@ -52,6 +52,8 @@ fn what_is_read_is_not_written_over() {
         place.tactile(line).refused(&[file, "is read and would be replaced"]);
     }
     assert_eq!(contents(), before);
+    let same = "live --port virtual --log a.jsonl --record l --out ./l";
+    place.tactile(same).refused(&["--record: l is the folder of the results"]);
 }
 
 #[test]

@@ -22,7 +22,7 @@ pub mod registration;
 pub mod segmentation;
 pub mod similarity;
 
-use nalgebra::{Matrix6, Vector6};
+use nalgebra::Matrix6;
 use tactile_core::track::Status;
 
 use self::constraints::{Front, Rules, frames};
@@ -57,10 +57,6 @@ const DOUBTED: f64 = 0.05;
 
 /// Poses of one grasp nearer than this (metres, radians) are one.
 const SAME: [f64; 2] = [5e-3, 0.1];
-
-/// Deviations of a pose that is known without doubt, metres and radians: far below those of contacts, and far
-/// above rounding.
-const CERTAIN: [f64; 2] = [1e-4, 1e-3];
 
 /// A set of poses that explains all grasps.
 #[derive(Clone, Debug, PartialEq)]
@@ -149,12 +145,9 @@ pub fn correct_by(log: &GraspLog, steps: &[Step], rules: Rules) -> Option<Correc
 
 /// Covariance of a step whose pose was seen; `None` where the motion alone says where it is.
 fn known(step: &Step) -> Option<Matrix6<f64>> {
-    if step.is_certain() {
-        let [shift, turn] = CERTAIN.map(|deviation| deviation * deviation);
-        return Some(Matrix6::from_diagonal(&Vector6::new(shift, shift, shift, turn, turn, turn)));
-    }
     let told = matches!(step.status, Status::Tracking | Status::Ambiguous) && step.corrected;
-    (told && step.covariance.iter().all(|v| v.is_finite())).then_some(step.covariance)
+    let is_known = step.is_certain() || told;
+    (is_known && step.covariance.iter().all(|v| v.is_finite())).then_some(step.covariance)
 }
 
 /// Faces at the poses of `from`, a graph of them, and its solution.

@@ -78,7 +78,7 @@ fn true_poses_stay_whatever_the_hand_says_it_did() {
         let log = simulate(&with).unwrap().log;
         let found = correct(&log, &truth(&log).unwrap()).unwrap();
         for [shift, turn] in errors(&log, found.steps.iter().map(|s| s.pose)) {
-            assert!(shift < 3e-4 && turn < 3e-3, "{seed}: {shift} {turn}");
+            assert!(shift < 5e-4 && turn < 5e-3, "{seed}: {shift} {turn}");
         }
     }
 }

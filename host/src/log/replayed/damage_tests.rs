@@ -119,6 +119,21 @@ fn many_pieces_that_are_lost_mix_no_grasps() {
 }
 
 #[test]
+fn noise_that_was_lost_is_missed() {
+    let recording = recorded();
+    let [told] = places(&recording, |command| matches!(command, Command::Configure(_)))[..] else {
+        panic!("configured once");
+    };
+    let replayed = without(&recording, [told]);
+    assert_eq!(replayed.log.noise, Noise::default());
+    assert_eq!(replayed.left_out, LeftOut { noise: true, ..LeftOut::default() });
+    let said = "The noise that the board was told may have been lost: the log states none.";
+    assert_eq!(replayed.left_out.sentences(), [said]);
+    // Where something else was, it is there.
+    assert!(!without(&recording, [told + 2]).left_out.noise);
+}
+
+#[test]
 fn a_lost_commit_is_told_by_its_estimate() {
     let recording = recorded();
     let clean = recording.replay();
@@ -224,7 +239,7 @@ fn the_motion_since_a_grasp_that_is_not_there_is_unknown() {
     assert_eq!(numbers(&replayed), [0, 3]);
     assert_eq!(replayed.log.grasps[1].motion, None);
     assert_eq!(replayed.log.grasps[1].contacts, clean.log.grasps[3].contacts);
-    assert_eq!(replayed.left_out, LeftOut { grasps: 2, contacts: 0, motions: vec![3] });
+    assert_eq!(replayed.left_out, LeftOut { grasps: 2, motions: vec![3], ..LeftOut::default() });
     let said =
         ["2 grasps that the board counted are left out.", "The motion before grasp 3 is unknown."];
     assert_eq!(replayed.left_out.sentences(), said);

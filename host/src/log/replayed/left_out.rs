@@ -11,6 +11,8 @@ pub struct LeftOut {
     pub contacts: u64,
     /// Grasps whose motion since the one before may have been lost.
     pub motions: Vec<u64>,
+    /// Whether the noise that the board was told may have been lost: the log has none.
+    pub noise: bool,
 }
 
 /// Most grasps without a motion that are named.
@@ -33,7 +35,10 @@ impl LeftOut {
             let plural = if self.motions.len() == 1 { "" } else { "s" };
             format!("The motion before grasp{plural} {}{more} is unknown.", named.join(", "))
         });
-        let found = [counted(self.grasps, "grasp"), counted(self.contacts, "contact"), unknown];
+        let noise = "The noise that the board was told may have been lost: the log states none.";
+        let noise = self.noise.then(|| noise.to_owned());
+        let [grasps, contacts] = [counted(self.grasps, "grasp"), counted(self.contacts, "contact")];
+        let found = [grasps, contacts, unknown, noise];
         found.into_iter().flatten().collect()
     }
 }

@@ -40,7 +40,7 @@ impl Side {
     /// Where it ends, and the deviation of all its ends from there, when so many contacts fell anywhere on its surface
     /// alike: each end is the less likely the larger that is. Before them, a side that narrows ends in its tip or is
     /// cut off before, and a cut is anywhere as far from `middle` as ends usually are: where it was felt well beyond
-    /// that, about as far as there, and the less certainly the farther. `None` where numbers are none.
+    /// that, about as far as there, and in proportion less certainly. `None` where numbers are none.
     ///
     /// It ends in its tip where that is more probable than all cuts, and else at their mean: between them is hardly
     /// any body, and a tip far away that is improbable would draw the mean of all to it. Of cuts the mean, since two
@@ -52,7 +52,7 @@ impl Side {
         let tip = tip.max(self.high);
         let room = (tip - self.high).min(farthest);
         let usual = USUAL.0.max(self.high - middle - TOLD * USUAL.1);
-        let deviation = 0.5 * USUAL.1 * (1.0 + usual / USUAL.0);
+        let deviation = USUAL.1 * usual / USUAL.0;
         let likelihood = |at: f64| (self.area(self.high) / self.area(at)).powf(contacts as f64);
         let cuts = (0..PLACES).map(|step| {
             let at = self.high + room * (f64::from(step) + 0.5) / f64::from(PLACES);

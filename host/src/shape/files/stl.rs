@@ -26,6 +26,12 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Soup, Wrong> {
     }
     let found = format!("{} bytes", bytes.len());
     match expected {
+        // As many bytes as further triangles have are some.
+        Some(length) if bytes.len() > length && (bytes.len() - length).is_multiple_of(TRIANGLE) => {
+            let [told, found] = [length, bytes.len()].map(|end| (end - HEADER) / TRIANGLE);
+            let expected = format!("{told} triangles, as the header says");
+            Err(Wrong::new(Place::Byte(length), expected, found.to_string()))
+        }
         Some(length) if length <= bytes.len() => Ok(binary(&bytes[HEADER..length])),
         Some(length) => {
             let expected = format!("{length} bytes, as the header says");

@@ -142,6 +142,10 @@ fn what_says_nothing_about_the_shape_is_skipped() {
         let bytes = [&binary, behind].concat();
         assert_eq!(parsed("a.stl", &bytes).unwrap().triangles(), [[0, 1, 2]]);
     }
+    // Whole triangles that the header does not count are lost ones.
+    let more = [&binary[..], &binary[84..], &binary[84..]].concat();
+    let error = parsed("a.stl", &more).unwrap_err();
+    assert!(error.contains("expected 1 triangles, as the header says, found 3"), "{error}");
     let error = parsed("a.stl", &binary[..130]).unwrap_err();
     assert!(error.contains("expected 134 bytes, as the header says, found 130"), "{error}");
 }
