@@ -311,6 +311,10 @@ fn sensors(args: &LiveArgs, log: &GraspLog) -> Result<Option<Sensors>, Error> {
     let sensors = Sensors::of(log).map_err(Error::input)?;
     let none = || Error::Input("no raw words; `tactile simulate --sensors` records them".into());
     let sensors = sensors.ok_or_else(none)?;
+    // What an estimator refuses here a board would refuse without saying why.
+    (0..sensors.rest.len())
+        .try_for_each(|finger| sensors.estimator(finger).map(drop))
+        .map_err(Error::input)?;
     for grasp in &log.grasps {
         let unreadable = |e| Error::Input(format!("grasp {}: {e}", grasp.index));
         grasp.contacts.iter().try_for_each(|c| readable(&sensors, c)).map_err(unreadable)?;

@@ -274,6 +274,9 @@ impl<R: BufRead> Pieces<R> {
                     _ => Err("it does not start with a header".into()),
                 }
             }
+            Some(_) if sealed.trim_ascii_start().starts_with(b"{\"") => {
+                Err("it is text, as a grasp log (.jsonl) is".into())
+            }
             Some(_) if sealed.len() as u64 == LONGEST => {
                 Err("it does not start with a header".into())
             }
@@ -396,6 +399,12 @@ mod tests {
         fn other_bytes_are_refused(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
             prop_assert!(Recording::parse(&bytes).is_err());
         }
+    }
+
+    #[test]
+    fn a_grasp_log_is_no_recording() {
+        let error = Recording::parse(b"{\"format\":\"tactile-grasp-log\"}\n").unwrap_err();
+        assert!(error.to_string().contains("it is text, as a grasp log"), "{error}");
     }
 
     #[test]

@@ -93,7 +93,8 @@ impl Columns {
     fn new(header: &Row<'_>) -> Result<Columns, LogError> {
         let names: Vec<String> = header.cells.iter().map(|c| c.to_ascii_lowercase()).collect();
         for (i, name) in names.iter().enumerate() {
-            if names[..i].contains(name) {
+            // A line of numbers is no header at all.
+            if names[..i].contains(name) && name.parse::<f64>().is_err() {
                 return Err(header.wrong(Some(name), "is there twice"));
             }
             if FIELDS.contains(&name.as_str()) {
@@ -319,6 +320,7 @@ mod tests {
         refused("x,y\n", "line 1: expected one line per contact");
         refused("x,z\n1,2\n", "line 1: expected a column `y`, found x, z");
         refused("1,2\n3,4\n", "expected a column `x`");
+        refused("0,0\n3,4\n", "expected a column `x`, found 0, 0");
         refused("x,y,x\n", "line 1: column `x`: is there twice");
         for name in ["point", "Normal", "normal_noise", "sensor"] {
             let named = format!("line 2: column `{}`: expected another", name.to_lowercase());
