@@ -23,8 +23,8 @@ const MOVED: f64 = 10.0;
 /// A deviation of normals from which they say nothing: nobody states it, but of some degrees it is the number.
 const FACING: f64 = 1.2;
 
-/// How many times larger than what was felt of it a true shape, at most, is.
-const LARGER: f64 = 50.0;
+/// How many times as large as what was felt of it a true shape is, at most: one in centimetres is a hundred times.
+const LARGER: f64 = 90.0;
 
 const QUESTION: &str = "are they metres, or does a unit such as mm lack?";
 
@@ -134,7 +134,8 @@ mod tests {
             let mut moved = log.clone();
             moved.grasps.iter_mut().for_each(far);
             assert!(truth(&moved, &shape).is_some(), "{object}");
-            let wide = Options::new(object.replace("0.", "8.").parse().unwrap());
+            let wide =
+                Options::new(object.replace("0.12", "9.9").replace("0.06", "9.9").parse().unwrap());
             let wide = wide.object.geometry().unwrap();
             assert!(truth(&log, &wide).is_some_and(|d| d.contains("m long")), "{object}");
             // Neither without contacts nor without true poses.

@@ -34,22 +34,25 @@ impl<L: Link, W: Write> Recorder<L, W> {
 impl<L, W: Write> Recorder<L, W> {
     /// Writes down what has come since the last delimiter.
     fn write_down(&mut self) -> io::Result<()> {
-        let partial = std::mem::take(&mut self.partial);
-        if partial.is_empty() { Ok(()) } else { self.append(Direction::FromBoard, &partial) }
+        if !self.partial.is_empty() {
+            let passed = self.start.elapsed();
+            let written = self.writer.append(passed, Direction::FromBoard, &self.partial);
+            written.map_err(unwritable)?;
+            self.partial.clear();
+        }
+        Ok(())
     }
+}
 
-    /// Writes down what passed; an error says that it is the recording's and not the link's.
-    fn append(&mut self, way: Direction, bytes: &[u8]) -> io::Result<()> {
-        let unwritable = |e: io::Error| {
-            io::Error::new(e.kind(), format!("the recording cannot be written: {e}"))
-        };
-        self.writer.append(self.start.elapsed(), way, bytes).map_err(unwritable)
-    }
+/// It is the recording that fails, and not the link.
+fn unwritable(error: io::Error) -> io::Error {
+    io::Error::new(error.kind(), format!("the recording cannot be written: {error}"))
 }
 
 impl<L: Link, W: Write> Link for Recorder<L, W> {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.append(Direction::ToBoard, bytes)?;
+        let written = self.writer.append(self.start.elapsed(), Direction::ToBoard, bytes);
+        written.map_err(unwritable)?;
         self.link.send(bytes)
     }
 
@@ -82,6 +85,21 @@ mod tests {
     use super::*;
     use crate::log::recording::Recording;
 
+    /// A file that takes its first bytes, and no more.
+    struct Full(usize);
+
+    impl Write for Full {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let left = self.0.checked_sub(bytes.len());
+            self.0 = left.ok_or_else(|| io::Error::from(io::ErrorKind::StorageFull))?;
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
     /// A line that brings these bytes, then nothing for a while, and is then closed.
     struct Closing(Vec<u8>, u32);
 
@@ -113,6 +131,18 @@ mod tests {
         let mut sent = vec![b'A'; LONGEST];
         sent.extend([1, 2, 0, 3, 4, 5]);
         sent
+    }
+
+    #[test]
+    fn a_full_disk_is_the_recordings_fault() {
+        let header = Header::new(2, Vec::new(), String::new());
+        let mut recorder = Recorder::new(Closing(sent(), 4), Full(300), &header).unwrap();
+        let sending = (0..300).find_map(|_| recorder.send(&[7, 0]).err()).unwrap();
+        let receiving = (0..9).find_map(|_| recorder.receive(&mut [0; 500], Duration::ZERO).err());
+        for error in [sending, receiving.unwrap()] {
+            assert_eq!(error.kind(), io::ErrorKind::StorageFull);
+            assert!(error.to_string().contains("the recording cannot be written"), "{error}");
+        }
     }
 
     #[test]

@@ -26,7 +26,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Soup, Wrong> {
     }
     let found = format!("{} bytes", bytes.len());
     match expected {
-        // As many bytes as further triangles have are some.
+        // Whole triangles behind are some that the header does not count.
         Some(length) if bytes.len() > length && (bytes.len() - length).is_multiple_of(TRIANGLE) => {
             let [told, found] = [length, bytes.len()].map(|end| (end - HEADER) / TRIANGLE);
             let expected = format!("{told} triangles, as the header says");
