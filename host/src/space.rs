@@ -1,6 +1,6 @@
 //! Between the host's double-precision spatial types and the core's spaces.
 
-use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use tactile_core::matrix::Vector;
 use tactile_core::space::{Planar, PlanarPose, Space, Spatial, SpatialPose};
 
@@ -72,6 +72,17 @@ pub fn planar(x: f64, y: f64, angle: f64) -> Pose {
         Translation3::new(x, y, 0.0),
         UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle),
     )
+}
+
+/// The middle of points; of none, the origin.
+pub(crate) fn centroid(points: impl Iterator<Item = Point>) -> Point {
+    let (sum, count) = points.fold((Point::zeros(), 0.0), |(sum, count), p| (sum + p, count + 1.0));
+    sum / f64::max(count, 1.0)
+}
+
+/// How points lie about a place: the sum of the squares of their offsets, m². Its eigenvectors are their principal axes.
+pub(crate) fn scatter(points: impl Iterator<Item = Point>, about: &Point) -> Matrix3<f64> {
+    points.map(|p| p - about).map(|offset| offset * offset.transpose()).sum()
 }
 
 /// Two unit directions square to each other and to a unit vector; in the plane the first alone, the other is

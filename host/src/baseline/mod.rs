@@ -21,7 +21,7 @@ use crate::reference::tracker::placed;
 use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
 use crate::slam::deviations;
 use crate::slam::track::{Step, settings};
-use crate::space::{Point, Pose};
+use crate::space::{Pose, centroid};
 use kalman::{Kalman, Transform};
 use literal::Literal;
 use manifold::Manifold;
@@ -196,7 +196,7 @@ fn follow(log: &GraspLog, model: &Model, belief: &mut dyn Belief) -> Vec<Step> {
                 _ => Status::Predicted,
             };
         } else if !contacts.is_empty() {
-            let centroid = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len() as f64;
+            let centroid = centroid(contacts.iter().map(|c| c.point));
             belief.start(Pose::from_parts(centroid.into(), UnitQuaternion::identity()));
             started = true;
         }

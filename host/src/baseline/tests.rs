@@ -1,7 +1,7 @@
 use super::*;
 use crate::reference::filter::{local, retract};
 use crate::sim::{Options, simulate};
-use crate::space::{angle, planar};
+use crate::space::{Point, angle, planar};
 use nalgebra::DVector;
 use proptest::prelude::*;
 use rand_xoshiro::rand_core::SeedableRng;

@@ -1,9 +1,9 @@
 //! Contacts that all lie in one plane, or in one line of it.
 
-use nalgebra::{DMatrix, Matrix3, SymmetricEigen};
+use nalgebra::{DMatrix, SymmetricEigen};
 
 use crate::slam::place::Placed;
-use crate::space::Point;
+use crate::space::{Point, centroid, scatter};
 
 /// Deviations of a contact up to which those of all contacts across a plane may be noise.
 const NOISE: f64 = 2.0;
@@ -17,9 +17,8 @@ pub(super) fn doubt(dimension: usize, placed: &[Placed]) -> Option<String> {
         return None;
     }
     let count = placed.len() as f64;
-    let middle = placed.iter().map(|p| p.contact.point).sum::<Point>() / count;
-    let away = placed.iter().map(|p| p.contact.point - middle);
-    let spread = away.map(|away| away * away.transpose()).sum::<Matrix3<f64>>() / count;
+    let points = placed.iter().map(|p| p.contact.point);
+    let spread = scatter(points.clone(), &centroid(points)) / count;
     let spread = DMatrix::from_fn(dimension, dimension, |row, column| spread[(row, column)]);
     let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(spread);
     let thin = eigenvalues.imin();

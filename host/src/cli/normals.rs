@@ -1,7 +1,7 @@
 //! Normals that look as if they pointed into the object.
 
 use crate::log::{GraspLog, LoggedGrasp};
-use crate::space::Point;
+use crate::space::{Point, centroid};
 
 /// Contacts on opposite sides of their grasp that suffice to tell.
 const FEWEST: usize = 10;
@@ -29,7 +29,7 @@ pub(super) fn doubt(log: &GraspLog) -> Option<String> {
 fn cosines(grasp: &LoggedGrasp) -> Vec<f64> {
     let felt: Vec<(Point, Point)> =
         grasp.contacts.iter().filter_map(|c| Some((c.point, c.normal?))).collect();
-    let middle = felt.iter().map(|(p, _)| p).sum::<Point>() / felt.len().max(1) as f64;
+    let middle = centroid(felt.iter().map(|(p, _)| *p));
     // A lone contact is its own middle, and says nothing.
     let cosine = |(p, n): &(Point, Point)| (p - middle).try_normalize(1e-9).map(|way| way.dot(n));
     felt.iter().filter_map(cosine).collect()

@@ -8,7 +8,7 @@ use crate::graph::joint::Corrected;
 use crate::graph::joint::problem::Problem;
 use crate::log::GraspLog;
 use crate::model::faces::Owner;
-use crate::space::{Bridge, Point, Pose};
+use crate::space::{Bridge, Point, Pose, centroid};
 
 /// A belief and the faces that belong to it, as frames.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,7 +32,7 @@ impl<S: Bridge + WireSpace> Lesson<S> {
                 .filter(|i| corrected.owners[*i] == Some(Owner::Face(face)))
                 .map(|i| problem.placed(&poses, i).point)
                 .collect();
-            let mean = own.iter().sum::<Point>() / own.len().max(1) as f64;
+            let mean = centroid(own.iter().copied());
             let plane = &corrected.faces[face];
             // On the plane itself.
             mean - plane.normal * (plane.normal.dot(&mean) - plane.offset)

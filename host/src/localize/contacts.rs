@@ -9,7 +9,7 @@ use crate::log::import::{self, Options};
 use crate::log::{GraspLog, LogError};
 use crate::reference::Contact;
 use crate::slam::deviations;
-use crate::space::{Point, Pose};
+use crate::space::{Pose, centroid};
 
 /// Endings of the files that hold contacts.
 pub const ENDINGS: &str = ".jsonl, .csv or .off";
@@ -101,8 +101,7 @@ pub fn from_log(log: &GraspLog, fixed: Fixed) -> Result<Vec<Contact>, ContactsEr
             motions += 1.0;
         }
     }
-    let middle =
-        contacts.iter().map(|(c, _)| c.point).sum::<Point>() / contacts.len().max(1) as f64;
+    let middle = centroid(contacts.iter().map(|(c, _)| c.point));
     let usual = MotionNoise::THESIS;
     let shift = log.noise.translation.unwrap_or(f64::from(usual.translation));
     let turn = log.noise.rotation.unwrap_or(f64::from(usual.rotation));
@@ -122,6 +121,7 @@ pub fn from_log(log: &GraspLog, fixed: Fixed) -> Result<Vec<Contact>, ContactsEr
 mod tests {
     use super::*;
     use crate::log::{LoggedContact, LoggedGrasp};
+    use crate::space::Point;
 
     fn grasp(index: u64, motion: Option<Pose>, point: Point) -> LoggedGrasp {
         let contact = LoggedContact { point, normal: Some(Point::x()), ..LoggedContact::default() };

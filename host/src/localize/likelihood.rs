@@ -13,7 +13,7 @@ use nalgebra::{Matrix3, Matrix3x6, Matrix6, Vector6};
 
 use super::Surface;
 use crate::reference::Contact;
-use crate::space::{Point, Pose};
+use crate::space::{Point, Pose, centroid};
 
 /// What a normal that fits nothing costs, nats.
 const WORST_NORMAL: f64 = 5.0;
@@ -232,7 +232,7 @@ impl Evidence {
     pub fn spread(&self, count: usize) -> Evidence {
         let mut left = self.contacts.clone();
         let mut chosen: Vec<Contact> = Vec::new();
-        let middle = left.iter().map(|c| c.point).sum::<Point>() / left.len().max(1) as f64;
+        let middle = centroid(left.iter().map(|c| c.point));
         let mut apart: Vec<f64> = left.iter().map(|c| (c.point - middle).norm()).collect();
         let mut first = true;
         while chosen.len() < count {

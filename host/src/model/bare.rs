@@ -12,7 +12,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::reference::{Contact, Gpis, Kernel, Prior, Training};
-use crate::space::{Point, across};
+use crate::space::{Point, across, centroid};
 use crate::thin::evenly;
 
 /// Contacts that normals are sought for together in the plane and in space; the others get them from the
@@ -98,7 +98,7 @@ struct Sought {
 impl Sought {
     /// `None` where the points leave the surface no form, as in one place.
     fn of(dimension: usize, contacts: Vec<Contact>) -> Option<Sought> {
-        let middle = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len() as f64;
+        let middle = centroid(contacts.iter().map(|c| c.point));
         let reach = contacts.iter().map(|c| (c.point - middle).norm()).fold(0.0, f64::max);
         let lengthscale = SCALE * reach;
         // Gradients vary by one along each axis before anything is known.

@@ -4,7 +4,7 @@ use nalgebra::{Matrix4, Vector4};
 
 use super::gpis::Error;
 use super::{Contact, Ellipsoid};
-use crate::space::Point;
+use crate::space::{Point, centroid};
 
 /// Mean of the Gaussian process before data (thesis 2.18–2.20; the sign of 2.18 corrected: what is
 /// subtracted from the targets is added to the prediction).
@@ -82,7 +82,7 @@ impl Prior {
                 right += row * point[axis];
             }
         }
-        let usual = felt.iter().map(|f| f.1).sum::<Point>() / felt.len().max(1) as f64;
+        let usual = centroid(felt.iter().map(|f| f.1));
         let spread = felt.iter().map(|f| (f.1 - usual).norm_squared()).sum::<f64>();
         let solution = normal_matrix.lu().solve(&right);
         match solution {

@@ -2,7 +2,7 @@
 
 use super::Contact;
 use super::gpis::Error;
-use crate::space::Point;
+use crate::space::{Point, centroid};
 
 /// Points known to lie outside and inside, on two spheres (circles) about the contacts.
 ///
@@ -44,7 +44,7 @@ impl Normalisation {
         if contacts.is_empty() {
             return None;
         }
-        let centre = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len() as f64;
+        let centre = centroid(contacts.iter().map(|c| c.point));
         let deviation = contacts.iter().map(|c| c.point_deviation).fold(0.0, f64::max);
         let farthest = contacts.iter().map(|c| (c.point - centre).norm());
         Some(Normalisation { centre, extent: farthest.fold(3.0 * deviation, f64::max), deviation })

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector6
 use rayon::prelude::*;
 
 use super::{Geometry, metrics};
-use crate::space::{Point, Pose};
+use crate::space::{Point, Pose, centroid};
 
 /// Levenberg–Marquardt iterations from each start.
 const ITERATIONS: usize = 25;
@@ -74,9 +74,7 @@ struct Residual {
 
 impl<'a> Problem<'a> {
     fn new(estimate: &'a Geometry, truth: &'a Geometry) -> Self {
-        let centroid = |samples: &[(Point, Point)]| {
-            samples.iter().map(|s| s.0).sum::<Point>() / samples.len().max(1) as f64
-        };
+        let centroid = |samples: &[(Point, Point)]| centroid(samples.iter().map(|s| s.0));
         let count = SAMPLES[usize::from(truth.dimension() == 3)];
         let from_estimate = estimate.samples(count);
         let from_truth = truth.samples(count);

@@ -12,7 +12,7 @@ use std::collections::HashMap;
 
 use super::{Geometry, Mesh, Outline};
 use crate::reference::Contact;
-use crate::space::Point;
+use crate::space::{Point, centroid};
 
 /// Straight pieces along each edge of a patch.
 const PIECES: usize = 6;
@@ -115,7 +115,7 @@ pub fn interpolate(dimension: usize, contacts: &[Contact]) -> Result<Geometry, E
     if vertices.len() < needed {
         return Err(Error::Few { distinct: vertices.len(), needed });
     }
-    let centre = vertices.iter().map(|v| v.point).sum::<Point>() / vertices.len() as f64;
+    let centre = centroid(vertices.iter().map(|v| v.point));
     if dimension == 2 { outline(vertices, &centre) } else { mesh(&vertices, &centre) }
 }
 

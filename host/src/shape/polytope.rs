@@ -15,7 +15,7 @@ use super::{Field, Geometry};
 use crate::model::faces::{Face, Faces, Owner};
 use crate::model::{Doubt, Open};
 use crate::reference::Contact;
-use crate::space::Point;
+use crate::space::{Point, centroid};
 
 /// A closed shape of flat faces.
 #[derive(Clone, Debug)]
@@ -124,7 +124,7 @@ fn built(
     inside: impl Fn(&Scene<'_>) -> Option<Vec<bool>>,
 ) -> Option<Polytope> {
     let touched: Vec<Point> = contacts.iter().map(|c| c.point).collect();
-    let centre = touched.iter().sum::<Point>() / touched.len().max(1) as f64;
+    let centre = centroid(touched.iter().copied());
     let reach = REACH * touched.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max);
     if !(reach > 0.0 && reach.is_finite() && contacts.len() == faces.owners.len()) {
         return None;

@@ -12,7 +12,7 @@ use crate::model::misfit;
 use crate::reference::{Contact, Kernel};
 use crate::shape::Geometry;
 use crate::shape::polytope::{COUNTERPART, FAR, OPPOSITE, Polytope, assemble, closures};
-use crate::space::Point;
+use crate::space::{Point, centroid};
 
 /// What the user wants.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -358,7 +358,7 @@ pub(super) fn doubt(contacts: &[Contact]) -> f64 {
 
 /// The distance from the contacts' centre to the farthest, metres.
 pub(super) fn farthest(contacts: &[Contact]) -> f64 {
-    let centre = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len().max(1) as f64;
+    let centre = centroid(contacts.iter().map(|c| c.point));
     contacts.iter().map(|c| (c.point - centre).norm()).fold(0.0, f64::max)
 }
 

@@ -1,11 +1,9 @@
 //! The outline or mesh of a field's zero set where it was touched.
 
-use nalgebra::Matrix3;
-
 use crate::reference::Contact;
 use crate::shape::{Field, Geometry, contour, surface};
 use crate::slam::reconstruct::Error;
-use crate::space::Point;
+use crate::space::{Point, centroid, scatter};
 use crate::thin::evenly;
 
 /// Lattice cells across the contacts' bounding box: a millimetre on a 120 mm outline, three on a
@@ -169,9 +167,8 @@ impl Extent {
 
     /// Half the thickness of a plate, and seven tenths of the radius of a rod, touched all over.
     fn thickness(&self, contacts: &[Contact]) -> f64 {
-        let middle = contacts.iter().map(|c| c.point).sum::<Point>() / self.count as f64;
-        let offsets = contacts.iter().map(|c| c.point - middle);
-        let scatter: Matrix3<f64> = offsets.map(|off| off * off.transpose()).sum();
+        let points = contacts.iter().map(|c| c.point);
+        let scatter = scatter(points.clone(), &centroid(points));
         (scatter / self.count as f64).symmetric_eigenvalues().min().max(0.0).sqrt()
     }
 

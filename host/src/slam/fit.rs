@@ -14,7 +14,7 @@ use crate::slam::blend::Blend;
 use crate::slam::choose::{DOUBT, doubt, fitted};
 use crate::slam::free::{Free, open};
 use crate::slam::reconstruct::Error;
-use crate::space::Point;
+use crate::space::{Point, centroid};
 use crate::thin::evenly;
 
 /// Contacts that decide the hyper-parameters at most, and what the process is about; the fit itself
@@ -471,7 +471,7 @@ impl Candidate {
     fn settled(self, dimension: usize, contacts: &[Contact]) -> Candidate {
         let noise = self.noise(dimension, contacts);
         let noisy = noisy(contacts, noise);
-        let about = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len().max(1) as f64;
+        let about = centroid(contacts.iter().map(|c| c.point));
         let kernel = self.found.kernel;
         let fitted = |body: Body| {
             let surface =

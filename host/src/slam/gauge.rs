@@ -5,7 +5,7 @@ use nalgebra::{Matrix6, Point3, Translation3, UnitQuaternion, Vector6};
 use crate::log::GraspLog;
 use crate::shape::Geometry;
 use crate::slam::track::Step;
-use crate::space::{Point, Pose};
+use crate::space::{Point, Pose, centroid};
 
 /// Grasps whose true poses the search for the gauge starts from.
 const STARTS: usize = 6;
@@ -67,7 +67,7 @@ fn fitted(points: &[Point], surface: &Geometry, start: Pose) -> (f64, Pose) {
     };
     let cost =
         |gaps: &[Gap]| -> f64 { gaps.iter().map(|g| (g.distance / SCALE).powi(2).ln_1p()).sum() };
-    let centre = points.iter().sum::<Point>() / points.len() as f64;
+    let centre = centroid(points.iter().copied());
     let rim = points.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max).max(1e-3);
     let mut pose = start;
     let mut now = gaps(&pose);

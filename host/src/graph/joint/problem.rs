@@ -4,7 +4,7 @@ use crate::log::GraspLog;
 use crate::model::faces::Owner;
 use crate::reference::Contact;
 use crate::slam::{deviations, track, usual_deviations};
-use crate::space::{Point, Pose};
+use crate::space::{Point, Pose, centroid};
 
 use super::factors::Kernel;
 use super::relation::Relation;
@@ -257,7 +257,7 @@ impl Problem {
     /// Centroid of a grasp's contacts, world frame; the origin without any.
     pub fn centre(&self, grasp: usize) -> Point {
         let own = &self.felt[self.of(grasp)];
-        own.iter().map(|f| f.contact.point).sum::<Point>() / own.len().max(1) as f64
+        centroid(own.iter().map(|f| f.contact.point))
     }
 
     /// The middle of the contacts in the object frame: what slips turn about.

@@ -15,7 +15,7 @@ use crate::graph::joint::problem::Problem;
 use crate::graph::joint::tangent::are_near;
 use crate::graph::pose::Edge;
 use crate::slam::track::Step;
-use crate::space::{Point, Pose};
+use crate::space::{Pose, centroid};
 
 /// Deviations within which an alternative may lie from what the motions say.
 const REACH: f64 = 4.0;
@@ -324,11 +324,10 @@ fn share<G, const D: usize>(grasps: usize, similar: &mut [Constraint<G, D>]) {
 pub fn frames(problem: &Problem, poses: &[Pose]) -> Vec<Pose> {
     let centre = |k: usize| {
         let own = problem.of(k);
-        let count = own.len();
-        if count == 0 {
+        if own.is_empty() {
             return poses[k].translation.vector;
         }
-        problem.felt[own].iter().map(|f| f.contact.point).sum::<Point>() / count as f64
+        centroid(problem.felt[own].iter().map(|f| f.contact.point))
     };
     (0..poses.len()).map(|k| Pose::from_parts(centre(k).into(), Default::default())).collect()
 }

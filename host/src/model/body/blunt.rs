@@ -9,7 +9,7 @@ use super::close::Ray;
 use super::{Body, Plane};
 use crate::model::places::places;
 use crate::reference::Contact;
-use crate::space::Point;
+use crate::space::{Point, centroid};
 
 /// How probable a cut is before any contact for a corner as far beyond the contacts as they reach, to none.
 /// Of hexagons, quadrilaterals and triangles of 5 to 20 contacts hardly one has a corner with more that is none,
@@ -46,7 +46,7 @@ impl Body {
     /// [size](Body::size) is part of its oddity, and where the plane lies a mode. `None` where none is more probable
     /// than not.
     pub(super) fn blunted(&self, dimension: usize, contacts: &[Contact]) -> Option<Body> {
-        let centre = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len().max(1) as f64;
+        let centre = centroid(contacts.iter().map(|c| c.point));
         let reach = contacts.iter().map(|c| (c.point - centre).norm()).fold(0.0, f64::max);
         let rays = self.rays(dimension, &centre);
         let sharp = Sharp { dimension, places: places(contacts), centre, reach, rays };

@@ -3,11 +3,9 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::Matrix3;
-
 use super::{Body, Mode, Part, Plane};
 use crate::reference::Contact;
-use crate::space::Point;
+use crate::space::{Point, centroid, scatter};
 
 /// A body is open in a direction when it still holds the point this many times the distance from the
 /// contacts' centre to the farthest of them beyond where it would end.
@@ -38,7 +36,7 @@ impl Body {
         contacts: &[Contact],
         undecided: &[Point],
     ) -> Body {
-        let centre = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len().max(1) as f64;
+        let centre = centroid(contacts.iter().map(|c| c.point));
         let reach = contacts.iter().map(|c| (c.point - centre).norm()).fold(0.0, f64::max);
         if !(reach > 0.0 && reach.is_finite()) {
             return self;
@@ -97,7 +95,7 @@ impl Body {
     /// because nobody touched the one between them. For planes with the contacts' centre inside.
     pub(super) fn evenness(&self, dimension: usize, contacts: &[Contact]) -> f64 {
         let count = contacts.len() as f64;
-        let centre = contacts.iter().map(|c| c.point).sum::<Point>() / count;
+        let centre = centroid(contacts.iter().map(|c| c.point));
         let rays = self.rays(dimension, &centre);
         let reached = |ray: &Ray| (centre + ray.out * ray.length, ray.area(dimension));
         let surface: Vec<(Point, f64)> = rays.iter().map(reached).collect();
@@ -176,8 +174,7 @@ pub(super) fn spread(dimension: usize, count: usize) -> Vec<Point> {
 
 /// Both ways along the principal axes of the contacts about their centre.
 fn axes(dimension: usize, centre: &Point, contacts: &[Contact]) -> Vec<Point> {
-    let offsets = contacts.iter().map(|c| c.point - centre);
-    let scatter: Matrix3<f64> = offsets.map(|off| off * off.transpose()).sum();
+    let scatter = scatter(contacts.iter().map(|c| c.point), centre);
     let vectors = scatter.symmetric_eigen().eigenvectors;
     let axis = |column: usize| {
         let mut axis: Point = vectors.column(column).into_owned();

@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen};
 use super::{Body, Mode, Part, Plane};
 use crate::model::faces::{Face, Faces, Owner};
 use crate::reference::Contact;
-use crate::space::Point;
+use crate::space::{Point, centroid};
 
 /// How often the parameters are corrected.
 const STEPS: usize = 4;
@@ -21,7 +21,7 @@ impl Body {
     pub fn sides(&self, dimension: usize, contacts: &[Contact]) -> Option<Faces> {
         let contacts: Vec<Contact> =
             contacts.iter().map(Contact::checked).collect::<Option<_>>()?;
-        let about = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len().max(1) as f64;
+        let about = centroid(contacts.iter().map(|c| c.point));
         let mut body = self.clone();
         for _ in 0..STEPS {
             let (by, _) = body.corrected(&contacts)?;

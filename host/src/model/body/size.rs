@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, SymmetricEigen};
 use super::Body;
 use super::close::spread;
 use crate::reference::Contact;
-use crate::space::Point;
+use crate::space::{Point, centroid, scatter};
 
 /// Directions that the surface is looked at in, in the plane and in space. They find it to a fiftieth, of rods and plates
 /// twenty times as long as thick, too.
@@ -28,8 +28,7 @@ impl Body {
     /// contacts' middle. `None` where that does not lie inside, where the body goes on 16 times as far as contacts do
     /// from there, and where numbers are none.
     pub(crate) fn size(&self, dimension: usize, contacts: &[Contact]) -> Option<f64> {
-        let count = contacts.len().max(1) as f64;
-        let centre = contacts.iter().map(|c| c.point).sum::<Point>() / count;
+        let centre = centroid(contacts.iter().map(|c| c.point));
         let reach = contacts.iter().map(|c| (c.point - centre).norm()).fold(0.0, f64::max);
         // A greatest reach knows nothing of what is no number, their sum does.
         let is_usable = reach > 0.0 && reach.is_finite() && centre.norm().is_finite();
@@ -72,9 +71,7 @@ impl Body {
 /// The contacts' extents about their middle along their principal axes, as a matrix; of the plane in its first two rows
 /// and columns, with 1 in the last.
 fn extents(dimension: usize, centre: &Point, contacts: &[Contact]) -> Matrix3<f64> {
-    let offsets = contacts.iter().map(|c| c.point - centre);
-    let scatter: Matrix3<f64> = offsets.map(|off| off * off.transpose()).sum();
-    let eigen = SymmetricEigen::new(scatter);
+    let eigen = SymmetricEigen::new(scatter(contacts.iter().map(|c| c.point), centre));
     let most = eigen.eigenvalues.max().sqrt();
     let mut stretch = Matrix3::zeros();
     for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {

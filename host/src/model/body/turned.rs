@@ -8,7 +8,7 @@ use super::fit::{Felt, Fit, Problem, Round, STEPS, TRIAL};
 use super::{Body, Part, Plane, Quadric};
 use crate::model::Faces;
 use crate::reference::Contact;
-use crate::space::{self, Point};
+use crate::space::{self, Point, centroid, scatter};
 
 /// Numbers measured per parameter from which a turned body is more than a guess.
 const DECIDED: f64 = 2.0;
@@ -208,9 +208,8 @@ impl Turned {
 /// and the normals of `faces`, those with most contacts first.
 pub(super) fn axes(contacts: &[Contact], faces: &Faces) -> Vec<Point> {
     let normals = contacts.iter().filter_map(|c| c.normal);
-    let middle = normals.clone().sum::<Point>() / normals.clone().count().max(1) as f64;
-    let scatter: Matrix3<f64> = normals.map(|n| (n - middle) * (n - middle).transpose()).sum();
-    let eigen = SymmetricEigen::new(scatter);
+    let middle = centroid(normals.clone());
+    let eigen = SymmetricEigen::new(scatter(normals, &middle));
     let spread = [eigen.eigenvalues.imin(), eigen.eigenvalues.imax()];
     let mut sides: Vec<_> = faces.faces.iter().collect();
     sides.sort_by_key(|face| std::cmp::Reverse(face.contacts));

@@ -9,7 +9,7 @@ use super::{Notch, Notched, RARE, Side, Span, Wild};
 use crate::model::faces::{Face, Owner};
 use crate::model::{Faces, misfit};
 use crate::reference::Contact;
-use crate::space::Point;
+use crate::space::{Point, centroid};
 
 /// Most contacts that it does not explain where hardly any is wild, as a share.
 const UNEXPLAINED: f64 = 0.06;
@@ -195,7 +195,7 @@ pub(super) fn begun(dimension: usize, contacts: &[Contact]) -> Option<(Notched, 
     let (frame, cost) = axes(dimension, &felt)?;
     let degrees = ((dimension - 1) * felt.len()) as f64 - directions(dimension) as f64;
     let are_square = misfit::is_likely(cost / degrees.max(1.0), degrees);
-    let middle = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len() as f64;
+    let middle = centroid(contacts.iter().map(|c| c.point));
     let points = || contacts.iter().map(|c| frame * (c.point - middle));
     let low = points().fold(Point::repeat(f64::INFINITY), |low, p| low.inf(&p));
     let high = points().fold(Point::repeat(f64::NEG_INFINITY), |high, p| high.sup(&p));
@@ -322,7 +322,7 @@ impl Middle {
             let normal = inward * out;
             let offset = side.sign() * self.solid.at(*side) + normal.dot(&self.solid.middle);
             let all = if own.is_empty() { &[self.solid.middle] } else { &own[..] };
-            let centroid = all.iter().sum::<Point>() / all.len() as f64;
+            let centroid = centroid(all.iter().copied());
             let centroid = centroid - normal * (normal.dot(&centroid) - offset);
             // A turn t moves the normal by t × n.
             let moves = out.cross_matrix()

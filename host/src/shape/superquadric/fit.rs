@@ -13,7 +13,7 @@ use super::{
     Covariance, EXPONENTS, Error, Form, Misfit, NUDGE, NUMBERS, PLANAR, Step, Superquadric,
 };
 use crate::reference::Contact;
-use crate::space::{Point, Pose};
+use crate::space::{Point, Pose, centroid};
 use crate::thin::evenly;
 
 /// Deviations beyond which a contact pulls with constant force only (Huber).
@@ -71,7 +71,7 @@ impl Superquadric {
         if contacts.len() < Superquadric::LEAST_CONTACTS || observed < sought {
             return Err(Error::Few { contacts: contacts.len(), observed, sought });
         }
-        let centre = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len() as f64;
+        let centre = centroid(contacts.iter().map(|c| c.point));
         let reach = contacts.iter().map(|c| (c.point - centre).norm()).fold(0.0, f64::max);
         if !(reach > 1e-6) {
             return Err(Error::NoExtent(reach));
@@ -281,7 +281,7 @@ fn starts(dimension: usize, contacts: &[Contact]) -> Vec<Form> {
 
 /// Along the points' principal axis and along the normals as a rectangle's would turn, and between.
 fn planar_turns(contacts: &[Contact]) -> Vec<f64> {
-    let centre = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len() as f64;
+    let centre = centroid(contacts.iter().map(|c| c.point));
     let (mut cos2, mut sin2, mut cos4, mut sin4) = (0.0, 0.0, 0.0, 0.0);
     for contact in contacts {
         let d = contact.point - centre;
@@ -300,7 +300,7 @@ fn planar_turns(contacts: &[Contact]) -> Vec<f64> {
 /// Right-handed axes: of the points' scatter, of the normals' scatter, and of the two normals that
 /// are nearest to perpendicular.
 fn frames(contacts: &[Contact]) -> Vec<Matrix3<f64>> {
-    let centre = contacts.iter().map(|c| c.point).sum::<Point>() / contacts.len() as f64;
+    let centre = centroid(contacts.iter().map(|c| c.point));
     let scatter = |vectors: &mut dyn Iterator<Item = Point>| {
         let sum = vectors.fold(Matrix3::zeros(), |sum, v| sum + v * v.transpose());
         right_handed(SymmetricEigen::new(sum).eigenvectors)
