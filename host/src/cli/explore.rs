@@ -14,9 +14,9 @@ use self::check::check;
 use self::stage::Stage;
 use self::table::table;
 use super::live::{self, Port};
-use super::terminal::{Progress, say, tell, tell_report};
+use super::terminal::{Progress, say, tell, tell_report, warn};
 use super::view_address::{self, Address};
-use super::{Error, files};
+use super::{Error, closed, files};
 use crate::explore::adviser::MOST;
 use crate::explore::episode::Event;
 use crate::explore::{
@@ -261,6 +261,9 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
     };
     let hand = hand(&args.hand, &args.tips)?;
     let mut bench = Bench::with_hand(options, hand, args.table).map_err(Error::input)?;
+    if let Some(doubt) = closed::of(bench.geometry()) {
+        warn(format_args!("{}: {doubt}", args.object));
+    }
     let settings = args.settings();
     let mut adviser = match &args.board {
         None => None,

@@ -7,7 +7,7 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use crate::cli::terminal::{say, warn};
-use crate::cli::{Error, units};
+use crate::cli::{Error, closed, units};
 use crate::localize::contacts::{ContactsError, Fixed, read};
 use crate::localize::{Freedom, Localization, LocalizeError, Mode, Settings, localize};
 use crate::quantity::{self, Deviation};
@@ -52,6 +52,9 @@ pub fn run(args: &LocalizeArgs) -> Result<(), Error> {
     let file = args.contacts.display();
     let start = Instant::now();
     let model = read_mesh(&args.model).map_err(Error::input)?;
+    if let Some(doubt) = closed::doubt(&model) {
+        warn(format_args!("{}: {doubt}", args.model.display()));
+    }
     let fixed = if args.fixed { Fixed::Yes } else { Fixed::No };
     let (_, mut contacts) = read(&args.contacts, fixed).map_err(|error| match error {
         ContactsError::Planar | ContactsError::Motion { .. } => {

@@ -4,6 +4,7 @@
 
 mod browser;
 pub mod bundled;
+mod closed;
 pub mod explore;
 mod files;
 pub mod import;

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::terminal::tell;
-use super::{Error, files};
+use super::terminal::{tell, warn};
+use super::{Error, closed, files};
 use crate::log::words::Kind;
 use crate::quantity::{self, Deviation, Displacement};
 use crate::shape::Geometry;
@@ -92,6 +92,9 @@ pub fn run(args: &SimulateArgs) -> Result<(), Error> {
         seed: args.seed,
     };
     let mut simulation = simulate(&options).map_err(Error::input)?;
+    if let Some(doubt) = closed::of(&simulation.geometry) {
+        warn(format_args!("{}: {doubt}", args.object));
+    }
     let mut unfelt = String::new();
     if let Some(kind) = args.sensors {
         let sensed = sense(&mut simulation, kind, args.seed).map_err(Error::input)?;

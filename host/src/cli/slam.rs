@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 
 use crate::cli::bundled::Bundled;
 use crate::cli::terminal::{Progress, say, tell, tell_report, warn};
-use crate::cli::{Error, browser, files, level, normals, units};
+use crate::cli::{Error, browser, closed, files, level, normals, units};
 use crate::graph;
 use crate::log::{GraspLog, TrueShape};
 use crate::shape::Geometry;
@@ -114,7 +114,11 @@ impl Input {
         reconstruct::check(&log).map_err(|e| Error::Input(format!("{name}: {e}")))?;
         check_folder(out).map_err(Error::input)?;
         let of_truth = truth.as_ref().and_then(|shape| units::truth(&log, shape));
-        for doubt in [normals::doubt(&log), units::noise(&log), of_truth].into_iter().flatten() {
+        let open =
+            truth.as_ref().and_then(closed::of).map(|doubt| format!("the true shape: {doubt}"));
+        for doubt in
+            [normals::doubt(&log), units::noise(&log), of_truth, open].into_iter().flatten()
+        {
             warn(format_args!("{name}: {doubt}"));
         }
         Ok(Input { log, name, truth })

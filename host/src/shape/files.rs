@@ -189,9 +189,11 @@ fn mesh(path: &Path, bytes: &[u8], parse: Parser) -> Result<Mesh, FileError> {
     };
     let mesh = shape(soup)?;
     // Files may give every face corners of its own, or say a corner twice.
-    if !mesh.is_watertight()
+    let flaws = mesh.flaws().count();
+    if flaws > 0
         && let Ok(merged) = shape(Merged::of(&mesh).soup)
-        && merged.is_watertight()
+        && merged.vertices().len() < mesh.vertices().len()
+        && merged.flaws().count() < flaws
     {
         return Ok(merged);
     }

@@ -20,6 +20,24 @@ pub struct Mesh {
     tree: OnceLock<Option<Box<TriMesh>>>,
 }
 
+/// Edges at which a mesh is no closed surface with one side out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Flaws {
+    /// Edges of a single triangle.
+    pub open: usize,
+    /// Edges between two triangles of which one shows its outside where the other shows its inside.
+    pub turned: usize,
+    /// Edges of more than two triangles, or from a vertex to itself.
+    pub crowded: usize,
+}
+
+impl Flaws {
+    /// How many edges these are.
+    pub fn count(&self) -> usize {
+        self.open + self.turned + self.crowded
+    }
+}
+
 impl Mesh {
     /// The mesh of these vertices (metres) and triangles (indices into them), kept as given.
     ///
@@ -155,15 +173,29 @@ impl Mesh {
     /// Whether every edge is shared by exactly two triangles that run it in opposite directions:
     /// a closed, consistently oriented surface. False for the mesh of nothing.
     pub fn is_watertight(&self) -> bool {
-        let mut edges: HashMap<(u32, u32), u32> = HashMap::new();
+        !self.triangles.is_empty() && self.flaws() == Flaws::default()
+    }
+
+    /// The edges at which it is no closed, consistently oriented surface.
+    pub fn flaws(&self) -> Flaws {
+        let mut edges: HashMap<(u32, u32), [u32; 2]> = HashMap::new();
         for t in &self.triangles {
             for i in 0..3 {
-                *edges.entry((t[i], t[(i + 1) % 3])).or_default() += 1;
+                let (from, to) = (t[i], t[(i + 1) % 3]);
+                let ways = edges.entry((from.min(to), from.max(to))).or_default();
+                ways[usize::from(from > to)] += 1;
             }
         }
-        let paired =
-            |(&(a, b), &n): (&(u32, u32), &u32)| a != b && n == 1 && edges.get(&(b, a)) == Some(&1);
-        !edges.is_empty() && edges.iter().all(paired)
+        let mut flaws = Flaws::default();
+        for ((from, to), ways) in edges {
+            match ways {
+                [1, 1] if from != to => {}
+                [1, 0] | [0, 1] => flaws.open += 1,
+                [2, 0] | [0, 2] => flaws.turned += 1,
+                _ => flaws.crowded += 1,
+            }
+        }
+        flaws
     }
 
     /// Surface area, square metres.
@@ -349,12 +381,18 @@ pub(crate) mod tests {
     fn an_open_mesh_has_distances_but_no_inside() {
         let mesh = cuboid([0.06, 0.03, 0.02]);
         let open = Mesh::new(mesh.vertices().to_vec(), mesh.triangles()[1..].to_vec()).unwrap();
+        assert_eq!(open.flaws(), Flaws { open: 3, ..Flaws::default() });
         assert!(!open.is_watertight());
         assert_eq!(open.signed_distance(&Point::zeros()), None);
         assert!((open.distance(&Point::zeros()) - 0.02).abs() < 1e-12);
         let mut turned = mesh.triangles().to_vec();
         turned[3].swap(0, 1);
-        assert!(!Mesh::new(mesh.vertices().to_vec(), turned).unwrap().is_watertight());
+        let turned = Mesh::new(mesh.vertices().to_vec(), turned).unwrap();
+        assert_eq!(turned.flaws(), Flaws { turned: 3, ..Flaws::default() });
+        assert!(!turned.is_watertight());
+        let twice = [mesh.triangles(), &mesh.triangles()[..1], &[[0, 0, 1]]].concat();
+        let twice = Mesh::new(mesh.vertices().to_vec(), twice).unwrap();
+        assert!(twice.flaws().crowded >= 4 && !twice.is_watertight(), "{:?}", twice.flaws());
     }
 
     #[test]

@@ -24,7 +24,7 @@ pub mod superquadric;
 pub mod surface;
 pub mod symmetry;
 
-pub use mesh::Mesh;
+pub use mesh::{Flaws, Mesh};
 pub use outline::Outline;
 
 use crate::space::{Point, Pose};

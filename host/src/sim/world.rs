@@ -9,11 +9,11 @@ use super::objects::{ObjectError, ObjectSpec};
 use super::random::Random;
 use super::touch::{FINGERS, Felt, Hand, Touch};
 use crate::log::words::WordsError;
-use crate::log::write::write_atomically;
+use crate::log::write::{is_same_file, write_atomically};
 use crate::log::{GraspLog, LogError, LoggedContact, LoggedGrasp, MAX_CONTACTS, Noise, TrueShape};
 use crate::quantity::{Deviation, Displacement};
-use crate::shape::Geometry;
 use crate::shape::files::{FileError, ply_to_writer};
+use crate::shape::{Geometry, Mesh};
 use crate::space::{Point, Pose};
 
 /// Where the object first lies: within this of the world's origin, per axis, and turned by no more
@@ -26,6 +26,9 @@ const WILD: f64 = 0.03;
 
 /// Attempts at one grasp: a hand that closed on nothing tries again elsewhere.
 const ATTEMPTS: usize = 50;
+
+/// What descriptions of simulated logs begin with; the object is next.
+const MADE: &str = "simulated ";
 
 /// Contacts in a whole log.
 const MOST_CONTACTS: usize = 10_000_000;
@@ -90,6 +93,17 @@ pub enum SimError {
         expected: &'static str,
         /// What is there.
         found: String,
+    },
+    /// Where the true mesh goes there is another file.
+    #[error(
+        "{} is there already and no true mesh of {}; expected another name for the log",
+        .file.display(), .log.display()
+    )]
+    Taken {
+        /// What would be replaced.
+        file: PathBuf,
+        /// The log beside it.
+        log: PathBuf,
     },
     /// A planar object for a hand that closes around solids.
     #[error(
@@ -215,10 +229,11 @@ pub fn simulate(options: &Options) -> Result<Simulation, SimError> {
 
 impl Simulation {
     /// Writes the log to `path`, and in space the true mesh beside it as `NAME.ply`: both or
-    /// neither. A mesh file that was simulated and already lies there is named, not written.
+    /// neither. A mesh file that was simulated and already lies there is named, not written; the mesh
+    /// of an earlier simulation there is replaced with its log, and no other file.
     ///
     /// # Errors
-    /// When one of the two cannot be written, or there is no place for the mesh.
+    /// When one of the two cannot be written, or there is no place for the mesh or another file in it.
     pub fn write(&self, path: &Path) -> Result<(), SimError> {
         write(&self.log, &self.geometry, &self.object, path)
     }
@@ -249,6 +264,9 @@ pub(super) fn write(
     {
         return Ok(log.write(path)?);
     }
+    if file.exists() && !is_written(&file, name, path) && !holds(&file, mesh) {
+        return Err(SimError::Taken { file, log: path.into() });
+    }
     // The mesh gets its name only after the log has got its own.
     let mut refused = None;
     let written = write_atomically(&file, |writer| {
@@ -263,6 +281,22 @@ pub(super) fn write(
         (None, Err(source)) => Err(FileError::Io { file, action: "write", source }.into()),
         (None, Ok(())) => Ok(()),
     }
+}
+
+/// Whether a mesh was written beside a log, damaged or not: by an earlier simulation, but of another object than
+/// that mesh itself.
+fn is_written(mesh: &Path, name: &str, log: &Path) -> bool {
+    let Ok((log, _)) = GraspLog::salvage(log) else { return false };
+    let is_made = log.description.starts_with(MADE)
+        && !log.description.starts_with(&format!("{MADE}{name}: "));
+    is_made && matches!(log.shape, Some(TrueShape::Mesh { file, .. }) if is_same_file(&file, mesh))
+}
+
+/// Whether a file already holds what would be written.
+fn holds(file: &Path, mesh: &Mesh) -> bool {
+    let mut bytes = Vec::new();
+    let is_made = ply_to_writer(&mut bytes, mesh, None, None).is_ok();
+    is_made && std::fs::read(file).is_ok_and(|found| found == bytes)
 }
 
 pub(super) fn check(options: &Options) -> Result<(), SimError> {
@@ -422,7 +456,7 @@ fn description(options: &Options, grasps: usize) -> String {
     };
     let object = object.without_folders();
     format!(
-        "simulated {object}: {grasps} grasps of {contacts} contacts by {touch}, contact noise \
+        "{MADE}{object}: {grasps} grasps of {contacts} contacts by {touch}, contact noise \
          {contact_noise}, motion noise {motion_noise}{away}, outliers {outliers}, seed {seed}"
     )
 }

@@ -1,5 +1,6 @@
 use super::*;
 use crate::data::for_test;
+use crate::shape::Flaws;
 use crate::shape::mesh::tests::cuboid;
 
 fn parsed(name: &str, bytes: &[u8]) -> Result<Mesh, String> {
@@ -119,6 +120,22 @@ fn every_format_gives_the_same_tetrahedron() {
         assert!(stl.is_watertight() && stl.vertices().len() == 4);
         assert!((stl.volume() - 1.0 / 6.0).abs() < 1e-12);
     }
+}
+
+#[test]
+fn a_gap_is_one_gap_where_every_face_has_corners_of_its_own() {
+    let corners = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let mut obj = String::new();
+    for (face, triangle) in [[0, 2, 1], [0, 1, 3], [0, 3, 2]].iter().enumerate() {
+        for [x, y, z] in triangle.map(|corner: usize| corners[corner]) {
+            obj += &format!("v {x} {y} {z}\n");
+        }
+        let first = 3 * face + 1;
+        obj += &format!("f {first} {} {}\n", first + 1, first + 2);
+    }
+    let open = parsed("a.obj", obj.as_bytes()).unwrap();
+    assert_eq!(open.vertices().len(), 4);
+    assert_eq!(open.flaws(), Flaws { open: 3, ..Flaws::default() });
 }
 
 #[test]

@@ -262,6 +262,21 @@ fn a_log_and_its_mesh_are_written_together_or_not_at_all() {
     assert_eq!(std::fs::metadata(&mug).unwrap().modified().unwrap(), before);
     assert!(GraspLog::read(&folder.path().join("mug.jsonl")).unwrap().shape.is_some());
 
+    // Nor when another object is simulated there, though the log names it; what an earlier one wrote is replaced.
+    let ball = simulate(&options("sphere:0.08", 1)).unwrap();
+    for taken in ["mug", "own"] {
+        std::fs::write(folder.path().join("own.ply"), "mine").unwrap();
+        let error = ball.write(&folder.path().join(taken).with_extension("jsonl")).unwrap_err();
+        assert!(matches!(error, SimError::Taken { .. }), "{error}");
+        assert!(error.to_string().contains(&format!("{taken}.ply is there already")), "{error}");
+    }
+    assert_eq!(std::fs::read(folder.path().join("own.ply")).unwrap(), b"mine");
+    ball.write(&path).unwrap();
+    assert_ne!(std::fs::read(file).unwrap(), std::fs::read(&mug).unwrap());
+    // The same mesh without its log may be said again.
+    std::fs::remove_file(&path).unwrap();
+    ball.write(&path).unwrap();
+
     // A log that cannot be written leaves no mesh, a mesh that cannot be written no log.
     let count = || std::fs::read_dir(folder.path()).unwrap().count();
     let before = count();
