@@ -1,4 +1,4 @@
-//! Contacts that all lie in one plane, or in one line of it.
+//! Contacts that all lie in one plane, or in one line of it: or too few for anything else.
 
 use nalgebra::{DMatrix, SymmetricEigen};
 
@@ -11,10 +11,13 @@ const NOISE: f64 = 2.0;
 /// Cosine between the plane's normal and those of contacts on the two faces of a thin plate, whose thickness was felt.
 const ACROSS: f64 = 0.7;
 
-/// What is to be said of contacts all in one plane: how far the object reaches on either side of it, nobody felt.
+/// What is to be said of contacts all in one plane: how far the object reaches on either side of it, nobody felt. So
+/// few always lie in one.
 pub(super) fn doubt(dimension: usize, placed: &[Placed]) -> Option<String> {
     if placed.len() <= dimension {
-        return None;
+        let plural = if placed.len() == 1 { "" } else { "s" };
+        let few = format!("only {} contact{plural}: most of the shape is a guess", placed.len());
+        return (!placed.is_empty()).then_some(few);
     }
     let count = placed.len() as f64;
     let points = placed.iter().map(|p| p.contact.point);
@@ -71,11 +74,14 @@ mod tests {
     }
 
     #[test]
-    fn solids_plates_and_few_contacts_raise_no_doubt() {
+    fn solids_and_plates_raise_no_doubt_but_very_few_contacts_do() {
         assert_eq!(doubt(3, &touched(|i| 0.01 * f64::from(i % 3), |_| 0.0)), None);
         let way = |i: u32| if i.is_multiple_of(2) { 1.0 } else { -1.0 };
         assert_eq!(doubt(3, &touched(|i| 1e-3 * way(i), |i| 9.0 * way(i))), None);
-        assert_eq!(doubt(3, &touched(|_| 0.0, |_| 0.0)[..3]), None);
+        let few = touched(|i| 0.01 * f64::from(i % 3), |_| 0.0);
+        assert!(doubt(3, &few[..3]).is_some_and(|d| d.starts_with("only 3 contacts: ")));
+        assert!(doubt(2, &few[..1]).is_some_and(|d| d.starts_with("only 1 contact: ")));
+        assert_eq!(doubt(3, &few[..4]), None);
         assert_eq!(doubt(3, &[]), None);
     }
 }
