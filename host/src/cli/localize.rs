@@ -56,19 +56,20 @@ pub fn run(args: &LocalizeArgs) -> Result<(), Error> {
         warn(format_args!("{}: {doubt}", args.model.display()));
     }
     let fixed = if args.fixed { Fixed::Yes } else { Fixed::No };
-    let (_, mut contacts) = read(&args.contacts, fixed).map_err(|error| match error {
+    if args.contact_noise.is_some_and(|noise| !(noise.length > 0.0 && noise.angle > 0.0)) {
+        return Err(Error::Input(
+            "--contact-noise: expected a length and an angle above zero".into(),
+        ));
+    }
+    let noise = args.contact_noise;
+    let (_, mut contacts) = read(&args.contacts, fixed, noise).map_err(|error| match error {
         ContactsError::Planar | ContactsError::Motion { .. } => {
             Error::Input(format!("{file}: {error}"))
         }
         named => Error::input(named),
     })?;
-    for contact in &mut contacts {
-        if args.no_normals {
-            contact.normal = None;
-        }
-        if let Some(Deviation { length, angle }) = args.contact_noise {
-            (contact.point_deviation, contact.normal_deviation) = (length, angle);
-        }
+    if args.no_normals {
+        contacts.iter_mut().for_each(|contact| contact.normal = None);
     }
     let reading = start.elapsed().as_secs_f64();
 
@@ -77,9 +78,6 @@ pub fn run(args: &LocalizeArgs) -> Result<(), Error> {
     let found = localize(&model, &contacts, &settings).map_err(|error| match error {
         LocalizeError::NoArea | LocalizeError::InsideOut(_) => {
             Error::Input(format!("{}: {error}", args.model.display()))
-        }
-        LocalizeError::Contact(_) if args.contact_noise.is_some() => {
-            Error::Input("--contact-noise: expected a length and an angle above zero".into())
         }
         _ => Error::Input(format!("{file}: {error}")),
     })?;

@@ -59,10 +59,7 @@ impl Poses {
         let begun = Instant::now();
         self.corrected = corrected(self.graph, log, &steps);
         self.correcting += begun.elapsed().as_secs_f64();
-        match &self.corrected {
-            Some(corrected) => with_modes(&corrected.steps, &steps),
-            None => steps,
-        }
+        self.corrected.as_ref().map_or(steps, |corrected| corrected.steps.clone())
     }
 }
 
@@ -80,17 +77,6 @@ fn corrected(graph: Kind, log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
     let settled = joint::planes(log, &[steps], SETTLED)?;
     let flat = settled.explained() >= EXPLAINED && settled.per_degree <= FLAT;
     flat.then(|| Corrected::jointly(log, settled))
-}
-
-/// The other poses that the tracker holds possible stay where they are beside its best one.
-fn with_modes(corrected: &[Step], steps: &[Step]) -> Vec<Step> {
-    let moved = |(corrected, step): (&Step, &Step)| {
-        let back = step.pose.inverse();
-        let modes =
-            step.modes.iter().map(|(mode, weight)| (corrected.pose * (back * mode), *weight));
-        Step { modes: modes.collect(), ..corrected.clone() }
-    };
-    corrected.iter().zip(steps).map(moved).collect()
 }
 
 /// Whether the tracker could not explain the last grasp.
@@ -157,21 +143,5 @@ mod tests {
         });
         assert_eq!(little, 0);
         assert!(flat >= 9 && curved <= 6, "{flat} {curved}");
-    }
-
-    #[test]
-    fn modes_stay_beside_the_best_one() {
-        let at = |x: f64, turn: f64| {
-            let turn = nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, turn);
-            Pose::from_parts(nalgebra::Translation3::new(x, 0.0, 0.0), turn)
-        };
-        let step = Step {
-            modes: vec![(at(0.1, 0.2), 0.7), (at(0.1, 0.5), 0.3)],
-            ..Step::certain(at(0.1, 0.2))
-        };
-        let moved = with_modes(&[Step { pose: at(0.2, 1.0), ..step.clone() }], &[step]);
-        let [(best, _), (other, weight)] = moved[0].modes[..] else { panic!() };
-        assert!((best.translation.vector.x - 0.2).abs() < 1e-12);
-        assert!((other.rotation.angle() - 1.3).abs() < 1e-12 && weight == 0.3);
     }
 }

@@ -7,6 +7,7 @@ use tactile_core::track::MotionNoise;
 
 use crate::log::import::{self, Options};
 use crate::log::{GraspLog, LogError};
+use crate::quantity::Deviation;
 use crate::reference::Contact;
 use crate::slam::deviations;
 use crate::space::{Pose, centroid};
@@ -49,20 +50,30 @@ pub enum ContactsError {
 }
 
 /// Reads contacts: a grasp log (`.jsonl`), a table (`.csv`) or a list of points (`.off`), the
-/// latter two of an object that did not move. See [`from_log`].
+/// latter two of an object that did not move; where `noise` is given, all as exact as that instead of what
+/// the file says. See [`from_log`].
 ///
 /// # Errors
 /// Naming the file, line and field and what was expected there.
-pub fn read(path: &Path, fixed: Fixed) -> Result<(GraspLog, Vec<Contact>), ContactsError> {
+pub fn read(
+    path: &Path,
+    fixed: Fixed,
+    noise: Option<Deviation>,
+) -> Result<(GraspLog, Vec<Contact>), ContactsError> {
     let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
     let at_rest = Options { fixed: true, ..Options::default() };
-    let log = match ending.as_str() {
+    let mut log = match ending.as_str() {
         "jsonl" => GraspLog::read(path)?,
         "csv" => import::csv::import(path, &at_rest)?,
         "off" => import::off::import(path, &at_rest)?,
         _ => return Err(ContactsError::Ending { file: path.display().to_string() }),
     };
     let fixed = if ending == "jsonl" { fixed } else { Fixed::Yes };
+    if let Some(Deviation { length, angle }) = noise {
+        (log.noise.point, log.noise.normal) = (Some(length), Some(angle));
+        let contacts = log.grasps.iter_mut().flat_map(|grasp| &mut grasp.contacts);
+        contacts.for_each(|contact| contact.normal_noise = None);
+    }
     let contacts = from_log(&log, fixed)?;
     Ok((log, contacts))
 }
@@ -162,6 +173,24 @@ mod tests {
         // Or all stay.
         let still = from_log(&log, Fixed::Yes).unwrap();
         assert!(still.iter().all(|c| c.point.z == 0.0 && c.point_deviation == 0.002));
+    }
+
+    /// What the user says of contacts says nothing of the motions since.
+    #[test]
+    fn noise_that_is_told_is_that_of_contacts_alone() {
+        let up = Some(Pose::translation(0.0, 0.0, 0.5));
+        let mut log = log(vec![grasp(0, None, Point::x() * 0.1), grasp(1, up, Point::x() * 0.1)]);
+        log.grasps[1].contacts[0].normal_noise = Some(0.5);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.jsonl");
+        log.write(&path).unwrap();
+        let told = Some(Deviation { length: 4e-3, angle: 0.2 });
+        let (_, contacts) = read(&path, Fixed::No, told).unwrap();
+        let [last, first] = &contacts[..] else { panic!("{contacts:?}") };
+        assert_eq!((last.point_deviation, last.normal_deviation), (0.004, 0.2));
+        assert!((first.point_deviation - 0.005).abs() < 1e-9, "{first:?}");
+        let (_, contacts) = read(&path, Fixed::Yes, told).unwrap();
+        assert!(contacts.iter().all(|c| (c.point_deviation, c.normal_deviation) == (0.004, 0.2)));
     }
 
     /// Fingers that touch in turn turn about the object's middle, not each about itself.

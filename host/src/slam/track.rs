@@ -56,10 +56,13 @@ impl Step {
         self.status == Status::Tracking && !self.corrected && self.covariance == Matrix6::zeros()
     }
 
-    /// The same at the pose that all grasps together say. One that had been lost is so no longer where it
-    /// `is_found`: most of what it felt lies on the object there.
+    /// The same at the pose that all grasps together say; the other poses that the tracker held possible stay where
+    /// they are beside its best one. One that had been lost is so no longer where it `is_found`: most of what it felt
+    /// lies on the object there.
     pub fn at(&self, pose: Pose, covariance: Matrix6<f64>, is_found: bool) -> Self {
-        let step = Step { pose, covariance, ..self.clone() };
+        let moved = pose * self.pose.inverse();
+        let modes = self.modes.iter().map(|(mode, weight)| (moved * mode, *weight)).collect();
+        let step = Step { pose, covariance, modes, ..self.clone() };
         if self.status == Status::Lost && is_found {
             Step { status: Status::Tracking, corrected: true, modes: Vec::new(), ..step }
         } else {
@@ -262,4 +265,25 @@ pub fn free_points<S: Bridge>(grasp: &LoggedGrasp) -> Vec<FreePoint<S>> {
             finger: f.finger.map_or(u8::MAX, |f| f.min(254) as u8),
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn modes_stay_beside_the_best_one() {
+        let at = |x: f64, turn: f64| {
+            let turn = nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, turn);
+            Pose::from_parts(nalgebra::Translation3::new(x, 0.0, 0.0), turn)
+        };
+        let step = Step {
+            modes: vec![(at(0.1, 0.2), 0.7), (at(0.1, 0.5), 0.3)],
+            ..Step::certain(at(0.1, 0.2))
+        };
+        let moved = step.at(at(0.2, 1.0), step.covariance, true);
+        let [(best, _), (other, weight)] = moved.modes[..] else { panic!("two modes") };
+        assert!((best.translation.vector.x - 0.2).abs() < 1e-12);
+        assert!((other.rotation.angle() - 1.3).abs() < 1e-12 && weight == 0.3);
+    }
 }

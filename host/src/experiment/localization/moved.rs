@@ -53,7 +53,7 @@ pub(super) fn run(data: Option<&Path>, skipped: &mut Vec<String>) -> Result<Vec<
 /// `None` for a log without a true shape and poses.
 fn one(path: &Path) -> Result<Option<Moved>, Error> {
     let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let (log, contacts) = read(path, Fixed::No)?;
+    let (log, contacts) = read(path, Fixed::No, None)?;
     let Some(TrueShape::Mesh { file, .. }) = &log.shape else { return Ok(None) };
     let ends = (log.grasps.first().and_then(|g| g.truth), log.grasps.last().and_then(|g| g.truth));
     let (Some(start), Some(truth)) = ends else { return Ok(None) };

@@ -72,7 +72,7 @@ pub(super) fn run(
         });
         match files.filter(|(contacts, model)| contacts.is_file() && model.is_file()) {
             Some((contacts, model)) => {
-                let (_, contacts) = read(&contacts, Fixed::Yes)?;
+                let (_, contacts) = read(&contacts, Fixed::Yes, None)?;
                 let row = recorded(name, &read_mesh(&model)?, &contacts, seeds, reference)?;
                 rows.push(row);
             }

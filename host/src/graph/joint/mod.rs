@@ -160,24 +160,19 @@ fn modelled(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected>
 fn bodily(problem: &Problem, body: &round::Followed, steps: &[Step]) -> Corrected {
     let first = || std::iter::once(Matrix6::zeros());
     let marginal = first().chain(body.covariance.iter().copied());
-    let poses = body.poses.iter().zip(marginal);
-    let poses = poses.map(|(pose, covariance)| Step { covariance, ..Step::certain(*pose) });
-    let corrected = Corrected {
-        steps: poses.collect(),
+    let told = body.poses.iter().zip(marginal).zip(steps).enumerate();
+    // What the tracker said of each grasp but for its pose.
+    let steps = told.map(|(k, ((pose, covariance), step))| {
+        step.at(*pose, covariance, problem.is_found(k, |i| body.explained[i]))
+    });
+    Corrected {
+        steps: steps.collect(),
         given_faces: first().chain(body.given_body.iter().copied()).collect(),
         faces: Vec::new(),
         owners: vec![None; problem.felt.len()],
         cost: body.cost,
         per_degree: body.per_degree,
-    };
-    told(corrected, steps)
-}
-
-/// With what the tracker said of each grasp but for its pose.
-fn told(corrected: Corrected, steps: &[Step]) -> Corrected {
-    let told = corrected.steps.into_iter().zip(steps);
-    let steps = told.map(|(corrected, step)| step.at(corrected.pose, corrected.covariance, true));
-    Corrected { steps: steps.collect(), ..corrected }
+    }
 }
 
 /// The likeliest trajectories of a round body, from the first pose: near those given, and with `search`

@@ -90,7 +90,9 @@ pub struct Followed {
     /// Negative log evidence of contacts, motions and body, nats, as the Bayesian information criterion
     /// has it.
     pub cost: f64,
-    /// Share of the contacts that no part of the body explains.
+    /// Which contacts the body explains.
+    pub explained: Vec<bool>,
+    /// Share of the contacts that no part of it does.
     pub wild: f64,
     /// χ² of all other contacts and of the motions that were measured, per degree of freedom: about 1 for
     /// such a body.

@@ -130,8 +130,12 @@ pub(super) fn wild(problem: &Problem, one: &Hypothesis) -> f64 {
     share_wild(&touches(problem, one))
 }
 
+fn is_wild(touched: &Touched) -> bool {
+    !(touched.misfit < WILD)
+}
+
 fn share_wild(touches: &[Touched]) -> f64 {
-    let wild = touches.iter().filter(|touched| !(touched.misfit < WILD)).count();
+    let wild = touches.iter().filter(|touched| is_wild(touched)).count();
     wild as f64 / touches.len().max(1) as f64
 }
 
@@ -140,7 +144,7 @@ fn share_wild(touches: &[Touched]) -> f64 {
 pub(super) fn followed<const D: usize>(problem: &Problem, one: &Hypothesis) -> Option<Followed> {
     let touches = touches(problem, one);
     let (mut misfit, mut measured) = (0.0, 0);
-    for (touched, felt) in touches.iter().zip(&problem.felt).filter(|(t, _)| t.misfit < WILD) {
+    for (touched, felt) in touches.iter().zip(&problem.felt).filter(|(t, _)| !is_wild(t)) {
         misfit += touched.misfit;
         measured += problem.numbers(&felt.contact);
     }
@@ -149,7 +153,7 @@ pub(super) fn followed<const D: usize>(problem: &Problem, one: &Hypothesis) -> O
     let mut degrees = measured as f64 - one.body.freedom(problem.dimension) as f64;
     for k in 1..one.poses.len() {
         let felt = || {
-            let felt = problem.of(k).filter(|i| touches[*i].misfit < WILD).map(|i| {
+            let felt = problem.of(k).filter(|i| !is_wild(&touches[*i])).map(|i| {
                 let (felt, pose) = (&problem.felt[i].contact, &one.poses[k]);
                 let residual = field.residual(&felt.transformed(&pose.inverse()));
                 let rows =
@@ -170,6 +174,7 @@ pub(super) fn followed<const D: usize>(problem: &Problem, one: &Hypothesis) -> O
     Some(Followed {
         poses: one.poses.clone(),
         cost: one.cost + widened,
+        explained: touches.iter().map(|touched| !is_wild(touched)).collect(),
         wild: share_wild(&touches),
         per_degree: 2.0 * misfit / degrees.max(1.0),
         round: one.body.is_round(one.ball.1),
