@@ -18,7 +18,7 @@ use super::terminal::{Progress, say, tell, tell_report, warn};
 use super::view_address::{self, Address};
 use super::{Error, closed, files};
 use crate::explore::adviser::MOST;
-use crate::explore::episode::Event;
+use crate::explore::episode::{self, Event};
 use crate::explore::{
     self, Adviser, Board, Candidates, Cost, Criterion, Episode, NextArea, Planning, Until,
 };
@@ -282,14 +282,17 @@ pub fn run(args: &ExploreArgs) -> Result<(), Error> {
         }
         stage.show(event);
     })
-    .map_err(Error::failure)?;
+    .map_err(|error| match error {
+        episode::Error::Missed => Error::input(error),
+        other => Error::failure(other),
+    })?;
     drop(progress);
 
     let mut outcome = finish(&bench, &settings, &episode)?;
     let view = stage.finish(&mut outcome);
-    output::begin(&args.out).map_err(Error::failure)?;
+    let is_again = output::begin(&args.out).map_err(Error::failure)?;
     bench.write(&args.out.join("log.jsonl")).map_err(Error::failure)?;
-    if bench.log().dimension == 2 {
+    if is_again && bench.log().dimension == 2 {
         // The true mesh of an earlier run.
         output::remove(&args.out.join("log.ply")).map_err(Error::failure)?;
     }

@@ -7,7 +7,7 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use crate::cli::terminal::{say, warn};
-use crate::cli::{Error, closed, units};
+use crate::cli::{Error, closed, normals, units};
 use crate::localize::contacts::{ContactsError, Fixed, read};
 use crate::localize::{Freedom, Localization, LocalizeError, Mode, Settings, localize};
 use crate::quantity::{self, Deviation};
@@ -18,6 +18,9 @@ use crate::space::{Point, Pose};
 ///
 /// Poses map the model's frame to the world. Of an object that moved, the pose is that at the last
 /// grasp: earlier contacts are carried along by the motions in the log.
+///
+/// Each pose has its part of the belief, the mean distance of the contacts from the model, and the standard deviation in
+/// its least certain direction, turns counted at half the diagonal of the model's box and no more than that.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  tactile localize --model cylinder.off contacts.off --json")]
 pub struct LocalizeArgs {
@@ -62,12 +65,15 @@ pub fn run(args: &LocalizeArgs) -> Result<(), Error> {
         ));
     }
     let noise = args.contact_noise;
-    let (_, mut contacts) = read(&args.contacts, fixed, noise).map_err(|error| match error {
+    let (log, mut contacts) = read(&args.contacts, fixed, noise).map_err(|error| match error {
         ContactsError::Planar | ContactsError::Motion { .. } => {
             Error::Input(format!("{file}: {error}"))
         }
         named => Error::input(named),
     })?;
+    if let Some(doubt) = normals::doubt(&log).filter(|_| !args.no_normals) {
+        warn(format_args!("{file}: {doubt}"));
+    }
     if args.no_normals {
         contacts.iter_mut().for_each(|contact| contact.normal = None);
     }

@@ -177,6 +177,9 @@ fn read(file: &Path) -> Result<Replayed, Error> {
             warn(format_args!("{name}: {count} {what}"));
         }
     }
+    if let Some(at) = recording.another {
+        warn(format_args!("{name}: another recording begins at byte {at}: it is left out"));
+    }
     for sentence in replayed.left_out.sentences() {
         warn(format_args!("{name}: {sentence}"));
     }

@@ -141,7 +141,7 @@ impl Input {
             level::doubt(self.log.dimension, contacts),
             strangers(&outcome.report.unexplained.wholly),
         ];
-        if let Some(doubt) = doubts.into_iter().flatten().next() {
+        for doubt in doubts.into_iter().flatten() {
             warn(format_args!("{}: {doubt}", self.name));
         }
         Ok(())
@@ -162,6 +162,24 @@ fn strangers(grasps: &[u64]) -> Option<String> {
             numbers.join(", ")
         )
     })
+}
+
+/// Why a graph that was asked for corrected nothing.
+fn idle(kind: graph::Kind, log: &GraspLog) -> Option<String> {
+    const LEAST: usize = graph::joint::LEAST_GRASPS;
+    match kind {
+        graph::Kind::None => None,
+        graph::Kind::Pairwise => Some(
+            "no two grasps felt faces that tell their relative pose: --graph pairwise corrects nothing".into(),
+        ),
+        graph::Kind::Planes if log.grasps.len() < LEAST => Some(format!(
+            "{} grasps: --graph planes corrects nothing with fewer than {LEAST}", log.grasps.len()
+        )),
+        graph::Kind::Planes => Some(
+            "no shape explains the contacts of all grasps, or of a smooth one they are too many: \
+             --graph planes corrects nothing".into(),
+        ),
+    }
 }
 
 /// Runs the subcommand.
@@ -205,10 +223,8 @@ pub fn run(args: &SlamArgs) -> Result<(), Error> {
     let start = Instant::now();
     let corrected = kind.correct(log, &steps);
     let graph_seconds = start.elapsed().as_secs_f64();
-    if corrected.is_none() && kind == graph::Kind::Pairwise {
-        warn(format_args!(
-            "{name}: no two grasps felt faces that tell their relative pose: --graph pairwise corrects nothing"
-        ));
+    if let Some(why) = args.graph.filter(|_| corrected.is_none()).and_then(|kind| idle(kind, log)) {
+        warn(format_args!("{name}: {why}"));
     }
     let (steps, relative, faces) = match corrected {
         Some(graph::Corrected { steps, relative, faces }) => (steps, Some(relative), faces),

@@ -35,7 +35,7 @@ pub(super) fn doubt(extent: f64, distance: f64, deviation: f64) -> Option<String
         return Some(format!("lengths up to {extent:.0} m: {QUESTION}"));
     }
     (distance > FARTHEST * deviation.max(LEAST)).then(|| {
-        format!("contacts with a deviation of {deviation} m lie {distance:.3} m from the surface: {QUESTION}")
+        format!("contacts with a deviation of {deviation:.4} m lie {distance:.3} m from the surface: {QUESTION}")
     })
 }
 

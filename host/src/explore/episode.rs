@@ -24,7 +24,7 @@ use crate::shape::symmetry::Symmetry;
 use crate::sim::hand::Unreachable;
 use crate::sim::random::Random;
 use crate::sim::{Bench, Hand};
-use crate::slam::gauge::gauge;
+use crate::slam::gauge::{at_start, gauge};
 use crate::slam::reconstruct;
 use crate::slam::track::Step;
 use crate::slam::trackers::Kind;
@@ -398,7 +398,7 @@ fn first(
     Err(Error::Missed)
 }
 
-/// From the true object frame to the believed one: by the first grasp, which fixed it. Where the pose
+/// From the true object frame to the believed one: by the first grasp that felt something, which fixed it. Where the pose
 /// is tracked, nobody can know how that grasp lay on the shape beyond what it felt: then by where all
 /// contacts at the tracked poses lie best on the true surface ([`gauge()`]).
 fn true_frame(bench: &Bench, settings: &Settings, steps: &[Step]) -> Pose {
@@ -409,10 +409,9 @@ fn true_frame(bench: &Bench, settings: &Settings, steps: &[Step]) -> Pose {
     gauge(bench.log(), steps, bench.geometry()).map_or(frame, |gauge| gauge.inverse())
 }
 
-/// From the true object frame to the believed one by the first grasp alone.
+/// From the true object frame to the believed one by the first grasp that felt something.
 fn true_start(bench: &Bench, steps: &[Step]) -> Pose {
-    let first = bench.log().grasps.first().and_then(|g| g.truth).zip(steps.first());
-    first.map_or_else(Pose::identity, |(truth, step)| step.pose.inv_mul(&truth))
+    at_start(bench.log(), steps).unwrap_or_else(Pose::identity)
 }
 
 /// How far the last pose is from the true one.

@@ -6,10 +6,12 @@ use nalgebra::{SymmetricEigen, Vector6};
 
 use super::Surface;
 use super::likelihood::Evidence;
+use crate::shape::symmetry::Symmetry;
 use crate::space::{Point, Pose};
 
-/// A direction is tried when it is known no better than to this part of the object's radius.
-const WEAK: f64 = 0.05;
+/// A direction is tried when it is known no better than to this part of the object's radius: the sides of a mesh that
+/// is nearly round tell a place among them, and not which of them it is.
+const WEAK: f64 = 0.01;
 
 /// It is free when it can be followed over this part of the radius (turns: radians), both ways
 /// together ...
@@ -17,6 +19,9 @@ const REACH: f64 = 0.5;
 
 /// ... without costing more than this, nats.
 const COST: f64 = 2.0;
+
+/// Least cosine between two axes that are one.
+const ALIKE: f64 = 0.97;
 
 /// Strides for that.
 const STEPS: usize = 10;
@@ -90,6 +95,22 @@ fn followed<S: Surface>(
         }
     }
     STEPS
+}
+
+/// The turn about the axis of an object that is round.
+pub(super) fn round(symmetry: &Symmetry) -> Option<Freedom> {
+    let about = symmetry.axis()?.into_inner();
+    Some(Freedom::Turn { about, through: symmetry.centre(), pitch: 0.0 })
+}
+
+/// Whether both are turns about the same axis, or nearly so.
+pub(super) fn are_alike(a: &Freedom, b: &Freedom) -> bool {
+    match (a, b) {
+        (Freedom::Turn { about, .. }, Freedom::Turn { about: other, .. }) => {
+            about.dot(other).abs() > ALIKE
+        }
+        _ => false,
+    }
 }
 
 /// In words of geometry. The direction moves the contacts in the object frame; the object moves

@@ -173,11 +173,22 @@ pub fn localize(
     let found = search::search(&grid, &evidence, &mut proposals, settings);
     let symmetry = symmetry(model, &exact, contacts);
     let (weighed, misfit) = modes::modes(&grid, &exact, &evidence, &symmetry, found.candidates);
-    let mode = |m: &modes::Weighed| mode(&exact, &evidence, m);
     let best = weighed.first().ok_or(LocalizeError::NoArea)?;
+    let mut freedoms = freedom::freedoms(&exact, &evidence, &best.seen, misfit);
+    // The sides of a mesh that stands for something round may tell how it is turned: they are not the object's.
+    let round = freedom::round(&symmetry);
+    freedoms.extend(round.filter(|r| !freedoms.iter().any(|f| freedom::are_alike(f, r))));
+    // One mode stands for all that a free motion leads to.
+    let deviation = |m: &modes::Weighed| match freedoms[..] {
+        [] => m.deviation,
+        _ => evidence.radius,
+    };
+    let mode = |m: &modes::Weighed| {
+        mode(&exact, &evidence, &modes::Weighed { deviation: deviation(m), ..*m })
+    };
     Ok(Localization {
         modes: weighed.iter().map(mode).collect(),
-        freedoms: freedom::freedoms(&exact, &evidence, &best.seen, misfit),
+        freedoms,
         misfit,
         drawn: found.drawn,
         more: weighed.len() + symmetry.motions().count() > modes::MOST,

@@ -108,6 +108,22 @@ fn simulated(object: &str, contacts: usize, seed: u64) -> (Mesh, Vec<Contact>) {
     (mesh, contacts::from_log(&simulated.log, contacts::Fixed::No).unwrap())
 }
 
+/// However surely contacts tell one side from the next: the sides are the mesh's.
+#[test]
+fn a_mesh_of_many_sides_stands_for_something_round() {
+    for (sides, count, seed) in [(32, 12, 1), (32, 60, 9), (20, 60, 2), (100, 24, 0)] {
+        let (mesh, contacts) = simulated(&format!("prism:0.1,ngon:{sides},0.03"), count, seed);
+        let found = localize(&mesh, &contacts, &QUICK).unwrap();
+        let [Freedom::Turn { about, .. }] = found.freedoms[..] else {
+            panic!("{sides} sides, {count} contacts: {:?}", found.freedoms)
+        };
+        assert!(about.z.abs() > 0.99, "{about}");
+        // Upside down or not.
+        assert_eq!(found.modes.len(), 2, "{:?}", found.modes);
+        assert!(found.modes.iter().all(|mode| mode.deviation > 0.05), "{:?}", found.modes);
+    }
+}
+
 /// Errors put several optima beside one another, of which each image used to be left with another.
 #[test]
 fn images_of_a_symmetric_object_weigh_the_same_and_none_is_missing() {

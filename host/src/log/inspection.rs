@@ -20,6 +20,8 @@ pub struct Inspection {
     pub torn: usize,
     /// Unreadable pieces.
     pub damaged: usize,
+    /// The byte at which another recording begins, of which nothing is told.
+    pub another: Option<u64>,
     /// What they tell.
     pub replayed: Replayed,
 }
@@ -31,8 +33,8 @@ pub struct Inspection {
 pub fn inspect_recording(path: &Path) -> Result<Inspection, RecordingError> {
     let recording = Recording::read(path)?;
     let replayed = recording.replay();
-    let Recording { header, pieces, torn, damaged } = recording;
-    Ok(Inspection { header, pieces: pieces.len(), torn, damaged, replayed })
+    let Recording { header, pieces, torn, damaged, another } = recording;
+    Ok(Inspection { header, pieces: pieces.len(), torn, damaged, another, replayed })
 }
 
 fn counters(c: &Counters) -> Value {
@@ -51,7 +53,7 @@ impl Inspection {
             "dimension": self.header.dimension, "description": self.header.description,
             "fingers": self.header.fingers, "seconds": r.duration.as_secs_f64(),
             "grasps": r.log.grasps.len(), "contacts": self.contacts(), "estimates": r.estimates.len(),
-            "pieces": self.pieces, "torn_bytes": self.torn, "damaged_pieces": self.damaged,
+            "pieces": self.pieces, "torn_bytes": self.torn, "damaged_pieces": self.damaged, "another_recording_at": self.another,
             "from_board": counters(&r.from_board), "to_board": counters(&r.to_board),
             "refused": r.refused,
             "left_out": {
@@ -115,6 +117,9 @@ impl fmt::Display for Inspection {
         }
         if self.torn > 0 {
             write!(f, ", a torn last one of {} bytes skipped", self.torn)?;
+        }
+        if let Some(at) = self.another {
+            write!(f, ", another recording from byte {at} on left out")?;
         }
         writeln!(f)?;
         r.left_out.sentences().iter().try_for_each(|sentence| writeln!(f, "{sentence}"))

@@ -87,7 +87,15 @@ impl GraspLog {
                 problem: "is a folder; expected a grasp log (JSON lines)".into(),
             });
         }
-        GraspLog::parse(BufReader::new(file), path)
+        let is_recording = path.extension().is_some_and(|ending| ending == "tac");
+        GraspLog::parse(BufReader::new(file), path).map_err(|error| match is_recording {
+            true => LogError::Content {
+                file: path.into(),
+                problem: "is a recording (.tac); expected a grasp log, as `tactile replay --to jsonl` makes of one"
+                    .into(),
+            },
+            false => error,
+        })
     }
 
     /// Reads a log from anything; `name` is what errors call it, and the true shape's mesh is

@@ -11,7 +11,8 @@
 //! | 2 | the same, bytes to the board |
 //!
 //! Pieces are only ever appended, so that a crash costs at most the piece being written: the reader
-//! reports and skips a torn last piece, and any damaged one. The pieces of one direction, joined,
+//! reports and skips a torn last piece, and any damaged one. Where another recording was put behind one, with a header of
+//! its own, the one ends. The pieces of one direction, joined,
 //! are the link's bytes exactly, damaged frames included.
 
 use std::fs::File;
@@ -199,6 +200,8 @@ pub struct Recording {
     pub torn: usize,
     /// Pieces in the middle that could not be read, which were skipped.
     pub damaged: usize,
+    /// The byte at which another recording begins, which was not read.
+    pub another: Option<u64>,
 }
 
 impl Recording {
@@ -237,6 +240,8 @@ pub struct Pieces<R> {
     pub torn: usize,
     /// Pieces so far that could not be read.
     pub damaged: usize,
+    /// The byte at which another recording begins, once it was reached: there this one ends.
+    pub another: Option<u64>,
     /// Bytes so far, and of all where that is known.
     pub bytes: (u64, Option<u64>),
     reader: R,
@@ -283,7 +288,15 @@ impl<R: BufRead> Pieces<R> {
             Some(_) => Err("it ends within its header".into()),
         };
         let bytes = (sealed.len() as u64, None);
-        Ok(header.map(|header| Pieces { header, torn: 0, damaged: 0, bytes, reader, sealed }))
+        Ok(header.map(|header| Pieces {
+            header,
+            torn: 0,
+            damaged: 0,
+            another: None,
+            bytes,
+            reader,
+            sealed,
+        }))
     }
 
     /// The next piece in the place of `piece`, whose memory serves again; whether there is one.
@@ -291,7 +304,8 @@ impl<R: BufRead> Pieces<R> {
     /// # Errors
     /// When the reader fails.
     pub fn read(&mut self, piece: &mut Piece) -> io::Result<bool> {
-        loop {
+        while self.another.is_none() {
+            let start = self.bytes.0;
             self.sealed.clear();
             match self.reader.by_ref().take(LONGEST).read_until(0, &mut self.sealed)? {
                 0 => return Ok(false),
@@ -313,13 +327,16 @@ impl<R: BufRead> Pieces<R> {
                     piece.bytes.extend_from_slice(bytes);
                     return Ok(true);
                 }
+                Some((0, _)) if whole => self.another = Some(start),
                 _ => self.damaged += 1,
             }
         }
+        Ok(false)
     }
 
     fn with(self, pieces: Vec<Piece>) -> Recording {
-        Recording { header: self.header, pieces, torn: self.torn, damaged: self.damaged }
+        let Pieces { header, torn, damaged, another, .. } = self;
+        Recording { header, pieces, torn, damaged, another }
     }
 }
 
@@ -356,6 +373,19 @@ mod tests {
     fn pieces() -> impl Strategy<Value = Vec<(u64, bool, Vec<u8>)>> {
         let bytes = proptest::collection::vec(prop_oneof![Just(0u8), any::<u8>()], 0..300);
         proptest::collection::vec((any::<u64>(), any::<bool>(), bytes), 0..8)
+    }
+
+    #[test]
+    fn one_recording_ends_where_another_begins() {
+        let (first, _) = write(&[(1, true, vec![1, 0, 2]), (2, false, vec![3])]);
+        let (second, _) = write(&[(0, true, vec![4])]);
+        let alone = Recording::parse(&first).unwrap();
+        assert_eq!((alone.another, alone.pieces.len()), (None, 2));
+        let both = Recording::parse(&[&first[..], &second[..]].concat()).unwrap();
+        assert_eq!(both, Recording { another: Some(first.len() as u64), ..alone });
+        // Nor is what follows it: not even the end of a piece.
+        let torn = Recording::parse(&[&first[..], &second[..], &[7]].concat()).unwrap();
+        assert_eq!(torn, both);
     }
 
     proptest! {

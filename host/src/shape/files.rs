@@ -6,6 +6,7 @@
 //! is wrong and what was expected, and nothing allocated on a header's word, for three dependencies
 //! less.
 
+mod ears;
 mod obj;
 mod off;
 mod ply;
@@ -102,14 +103,32 @@ impl Wrong {
 struct Soup {
     vertices: Vec<Point>,
     triangles: Vec<[u32; 3]>,
+    /// The first triangle of each face with more than three corners, and those.
+    polygons: Vec<(usize, Vec<u32>)>,
 }
 
 impl Soup {
-    /// Adds a polygon as a fan of triangles.
+    /// Adds a polygon as a fan of triangles: until all vertices are there nobody knows whether it is convex.
     fn polygon(&mut self, corners: &[u32]) {
+        if corners.len() > 3 {
+            self.polygons.push((self.triangles.len(), corners.to_vec()));
+        }
         for i in 1..corners.len().saturating_sub(1) {
             self.triangles.push([corners[0], corners[i], corners[i + 1]]);
         }
+    }
+
+    /// The same with polygons that are not convex cut into triangles that do not overlap.
+    fn cut(mut self) -> Soup {
+        for (first, corners) in std::mem::take(&mut self.polygons) {
+            let points: Option<Vec<Point>> =
+                corners.iter().map(|&v| self.vertices.get(v as usize).copied()).collect();
+            let triangles = points.and_then(|points| ears::cut(&points)).unwrap_or_default();
+            for (triangle, cut) in self.triangles[first..].iter_mut().zip(triangles) {
+                *triangle = cut.map(|corner| corners[corner]);
+            }
+        }
+        self
     }
 }
 
@@ -178,7 +197,7 @@ fn parser(path: &Path) -> Result<Parser, FileError> {
 
 fn mesh(path: &Path, bytes: &[u8], parse: Parser) -> Result<Mesh, FileError> {
     let content = |wrong| content(path, wrong);
-    let soup = parse(bytes).map_err(content)?;
+    let soup = parse(bytes).map_err(content)?.cut();
     if soup.triangles.is_empty() {
         let end = Place::Byte(bytes.len());
         return Err(content(Wrong::new(end, "at least one triangle", "none")));

@@ -18,8 +18,10 @@ const PROMISING: f64 = 0.2;
 /// Finest finite turn that is looked for: shapes with more corners are round at the tolerance.
 const FINEST: usize = 24;
 
-/// Finest finite turn about an axis in space.
+/// Finest finite turn about an axis in space, and the finest of what is round at the tolerance and no more: a mesh of
+/// a round thing has so many sides at most, and is taken for round.
 const FINEST_IN_SPACE: usize = 12;
+const SIDES: usize = 128;
 
 /// Points drawn from the surface, and vertices looked at besides.
 const SAMPLES: usize = 240;
@@ -112,6 +114,14 @@ impl Symmetry {
     /// How many turns there are, the identity included; `None` when some are free.
     pub fn order(&self) -> Option<usize> {
         matches!(self.free, Free::None).then_some(self.turns.len())
+    }
+
+    /// The direction about which every turn is one of the group; `None` where there is none, or any will do.
+    pub fn axis(&self) -> Option<Unit<Vector3<f64>>> {
+        match self.free {
+            Free::Axis(axis) => Some(axis),
+            Free::None | Free::All => None,
+        }
     }
 
     /// The finite part as motions of the shape, identity first.
@@ -234,9 +244,17 @@ impl<'a> Search<'a> {
     }
 
     fn is_free(&self, axis: &Unit<Vector3<f64>>) -> bool {
-        GENERIC
-            .iter()
-            .all(|a| self.maps(&UnitQuaternion::from_axis_angle(axis, *a), self.tolerance))
+        let maps = |angle: f64, tolerance: f64| {
+            self.maps(&UnitQuaternion::from_axis_angle(axis, angle), tolerance)
+        };
+        let is_round = |tolerance: f64| GENERIC.iter().all(|angle| maps(*angle, tolerance));
+        let mut sides = FINEST_IN_SPACE + 1..=SIDES;
+        // What is nearly round maps to itself by small turns alone.
+        let is_side = |n: usize| {
+            let part = std::f64::consts::TAU / n as f64;
+            (1..=n / 2).all(|k| maps(k as f64 * part, self.tolerance))
+        };
+        is_round(self.tolerance) || is_round(TOLERANCE) && sides.any(is_side)
     }
 
     fn spatial(self, mesh: &Mesh) -> Symmetry {

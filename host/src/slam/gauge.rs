@@ -6,6 +6,7 @@ use crate::log::GraspLog;
 use crate::shape::Geometry;
 use crate::slam::track::Step;
 use crate::space::{Point, Pose, centroid};
+use crate::view::report;
 
 /// Grasps whose true poses the search for the gauge starts from.
 const STARTS: usize = 6;
@@ -45,6 +46,13 @@ pub fn gauge(log: &GraspLog, steps: &[Step], surface: &Geometry) -> Option<Pose>
         .map(|start| fitted(&points, surface, start))
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, pose)| pose)
+}
+
+/// Takes the true object frame to the estimated one as reports have it ([`report::gauge`]): by the first grasp that
+/// felt something.
+pub fn at_start(log: &GraspLog, steps: &[Step]) -> Option<Pose> {
+    let grasps = log.grasps.iter().zip(steps);
+    report::agreed(grasps.map(|(g, step)| (step.pose, g.truth, !g.contacts.is_empty())))
 }
 
 /// One contact's distance to the surface, where it lies and which way it is off.

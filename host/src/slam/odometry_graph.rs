@@ -9,10 +9,13 @@ use crate::log::GraspLog;
 use crate::slam::track::{Step, settings};
 use crate::space::{Pose, angle};
 
+/// How many times the variance of a motion nobody knows is that of one the log states.
+const UNKNOWN: f64 = 4.0;
+
 /// Poses are named by their grasp's number and are those of `steps`, object to world; the first one stays.
 /// The edge between two grasps is the log's motion as seen from the first of them, with the information
 /// of the motion noise, which acts in the object's axes; where the log knows no motion, that the object
-/// did not move. There are as many poses as grasps with a step.
+/// did not move, with twice that noise. There are as many poses as grasps with a step.
 pub fn odometry_graph(log: &GraspLog, steps: &[Step]) -> Graph {
     let noise = settings(log, 0).motion;
     let weights = [noise.translation, noise.rotation].map(|sigma| f64::from(sigma).powi(-2));
@@ -41,11 +44,12 @@ fn chain<G: Group<D>, const D: usize>(
 ) -> PoseGraph<G, D> {
     let grasps = log.grasps.iter().zip(steps);
     let poses: Vec<G> = grasps.clone().map(|(_, step)| group(&step.pose)).collect();
-    let motions = log.grasps.iter().map(|grasp| grasp.motion.unwrap_or_else(Pose::identity));
+    let motions = log.grasps.iter().map(|grasp| grasp.motion);
     let edges = motions.zip(poses.iter().enumerate()).skip(1).map(|(motion, (to, _))| {
         let before = &poses[to - 1];
-        let moved = group(&motion).compose(before);
-        let (measured, information) = edge(before.between(&moved));
+        let moved = group(&motion.unwrap_or_else(Pose::identity)).compose(before);
+        let (measured, known) = edge(before.between(&moved));
+        let information = if motion.is_some() { known } else { known / UNKNOWN };
         Edge { from: to - 1, to, measured, information }
     });
     PoseGraph {
@@ -94,9 +98,10 @@ mod tests {
                 Graph::Spatial(g) => (g.ids.clone(), g.fixed.clone(), g.chi2(), g.edges.len()),
             };
             assert_eq!((ids, fixed, edges), (vec![3, 5, 7], vec![0], 2));
-            // One deviation of translation and two of rotation; of the quaternion's half angle, its sine.
+            // Half a deviation of translation, as nobody knows the motion, and one of rotation; of the quaternion's half
+            // angle, its sine.
             let turn = if dimension == 2 { 0.2f64 } else { 2.0 * 0.1f64.sin() };
-            let expected = 1.0 + (turn / 0.1).powi(2);
+            let expected = 0.25 * (1.0 + (turn / 0.1).powi(2));
             assert!((chi2 - expected).abs() < 1e-5, "{dimension}: {chi2}, not {expected}");
         }
     }

@@ -282,13 +282,20 @@ pub fn check_folder_for(folder: &Path, names: &[impl AsRef<str>]) -> Result<(), 
     Ok(())
 }
 
-/// Makes the folder and removes the report of an earlier run from it: before anything else is written there.
+/// Makes the folder and removes the report and the shape of an earlier run from it, before anything else is written
+/// there; whether there was one. Files of such names that no report is beside are somebody else's.
 ///
 /// # Errors
 /// Names what could not be made or removed.
-pub fn begin(folder: &Path) -> Result<(), WriteError> {
+pub fn begin(folder: &Path) -> Result<bool, WriteError> {
     std::fs::create_dir_all(folder).map_err(WriteError::at(folder))?;
-    remove(&folder.join(REPORT))
+    let report = folder.join(REPORT);
+    let is_again = report.is_file();
+    remove(&report)?;
+    if is_again {
+        SHAPES.iter().try_for_each(|name| remove(&folder.join(name)))?;
+    }
+    Ok(is_again)
 }
 
 /// Removes a file, if it is there.
@@ -378,28 +385,21 @@ impl Outcome {
         self.report.write(&path).map_err(WriteError::at(&path))
     }
 
-    /// The shape, and no other beside it.
     fn write_shape(&self, folder: &Path, plain: &[Plain]) -> Result<(), WriteError> {
         let deviations = Some(&self.reconstruction.deviations[..]);
-        let mut written = Vec::new();
-        let mut place = |name: &str| {
-            written.push(folder.join(name));
-            folder.join(name)
-        };
         match &self.reconstruction.geometry {
             Geometry::Outline(outline) => {
-                files::write_contour(&place("contour.csv"), outline, deviations)?;
+                files::write_contour(&folder.join("contour.csv"), outline, deviations)?;
             }
             Geometry::Mesh(mesh) => {
-                files::write_ply(&place("shape.ply"), mesh, None, deviations)?;
+                files::write_ply(&folder.join("shape.ply"), mesh, None, deviations)?;
                 for format in plain {
                     let name = format!("shape.{}", format.ending());
-                    files::write_plain(&place(&name), mesh, *format)?;
+                    files::write_plain(&folder.join(name), mesh, *format)?;
                 }
             }
         }
-        let shapes = SHAPES.map(|name| folder.join(name));
-        shapes.iter().filter(|path| !written.contains(path)).try_for_each(|path| remove(path))
+        Ok(())
     }
 }
 

@@ -201,6 +201,9 @@ impl Recorded {
         if pieces.damaged > 0 {
             missing.push(format!("{} damaged pieces are left out.", pieces.damaged));
         }
+        if let Some(at) = pieces.another {
+            missing.push(format!("Another recording begins at byte {at}: it is left out."));
+        }
         (Recorded::made(path, header, count, missing, timeline, rest), Ok(()))
     }
 

@@ -2,6 +2,7 @@
 
 use crate::log::GraspLog;
 use crate::shape::{Geometry, metrics};
+use crate::slam::gauge::at_start;
 use crate::slam::output::Outcome;
 use crate::slam::place::free;
 use crate::view::growth::{Grown, grow, shown};
@@ -26,11 +27,7 @@ pub fn of_run(
         timeline.push(Grasp::estimated(grasp, step, log.dimension));
     }
     let grasps = timeline.into_grasps();
-    let gauge = log
-        .grasps
-        .iter()
-        .zip(&outcome.steps)
-        .find_map(|(g, step)| g.truth.map(|truth| step.pose.inverse() * truth));
+    let gauge = at_start(log, &outcome.steps);
     let judge = |geometry: &Geometry| {
         let (gauge, truth) = gauge.zip(truth)?;
         metrics::compare(&geometry.transformed(&gauge.inverse()), truth)

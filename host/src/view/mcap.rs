@@ -282,6 +282,10 @@ impl<W: Write> Recording<W> {
         self.send("/deviation/translation_mm", messages::number(greatest(0) * 1e3))?;
         self.send("/deviation/rotation_deg", messages::number(greatest(3).to_degrees()))?;
         let Some(truth) = grasp.truth else { return Ok(()) };
+        // Before anything was felt nobody knows where the object is.
+        if self.gauge.is_none() && grasp.contacts.is_empty() {
+            return Ok(());
+        }
         let gauge = *self.gauge.get_or_insert(pose.inverse() * truth);
         let target = truth * gauge.inverse();
         self.send("/truth/pose", messages::pose_stamped(world, &target))?;

@@ -140,9 +140,13 @@ pub struct Run<'a> {
 /// agree at the first grasp with a contact whose true pose is known: before, nobody knows where the object is. Where
 /// nothing was felt, at the first whose true pose is known; `None` if none is.
 pub fn gauge(grasps: &[JudgedGrasp]) -> Option<Pose> {
-    let known = || grasps.iter().filter_map(|g| Some((g, g.estimate.inverse() * g.truth?)));
-    let (_, gauge) = known().find(|(g, _)| !g.contacts.is_empty()).or_else(|| known().next())?;
-    Some(gauge)
+    agreed(grasps.iter().map(|g| (g.estimate, g.truth, !g.contacts.is_empty())))
+}
+
+/// The same from each grasp's estimated pose, its true one, and whether anything was felt.
+pub fn agreed(grasps: impl Iterator<Item = (Pose, Option<Pose>, bool)> + Clone) -> Option<Pose> {
+    let known = grasps.filter_map(|(pose, truth, felt)| Some((pose.inverse() * truth?, felt)));
+    known.clone().find(|(_, felt)| *felt).or_else(|| known.clone().next()).map(|(gauge, _)| gauge)
 }
 
 /// The error of every pose that has a true one, given the [`gauge`]: the motion from the true pose
@@ -301,7 +305,7 @@ impl fmt::Display for Report {
         }
         let Unexplained { contacts, grasps, .. } = &self.unexplained;
         if *contacts > 0 {
-            let note = format!("far from the shape, of {}", list(grasps));
+            let note = format!("far from the shape, in grasp {}", list(grasps));
             row("unexplained contacts", contacts.to_string(), &note)?;
         }
         Ok(())

@@ -402,7 +402,7 @@ fn contacts_that_the_shape_does_not_explain_are_told() {
     place.put("odd.jsonl", log(2, json!({}), &grasps));
     let run = place.tactile("slam odd.jsonl --poses truth --out r").done();
     assert!(run.err.contains("no contact of grasp 7 is near the shape"), "{}", run.err);
-    assert!(run.out.contains("unexplained contacts             3  far from the shape, of 7"));
+    assert!(run.out.contains("unexplained contacts             3  far from the shape, in grasp 7"));
     let report = place.tactile("slam odd.jsonl --poses truth --json --out r").done().json();
     let expected = json!({"contacts": 3, "grasps": [7], "wholly": [7]});
     assert_eq!(report["unexplained"], expected);

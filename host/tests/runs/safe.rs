@@ -21,6 +21,49 @@ fn results_of_another_object_do_not_stay_beside_new_ones() {
     assert!(there("contour.csv") && !there("shape.ply") && !there("shape.obj"));
     place.tactile("slam ball.jsonl --poses truth --out o").done();
     assert!(there("shape.ply") && !there("contour.csv") && there("shape.txt"));
+    // Files of such names in a folder without a report are somebody else's.
+    std::fs::create_dir(place.at("p")).unwrap();
+    place.put("p/shape.obj", "mine");
+    place.put("p/log.ply", "mine");
+    place.tactile("slam ball.jsonl --poses truth --out p").done();
+    std::fs::remove_file(place.at("p/report.json")).unwrap();
+    let explore = "explore --object rectangle:0.12x0.06 --max-actions 2 --seed 1 --out p";
+    place.tactile(explore).done();
+    for name in ["shape.obj", "log.ply"] {
+        assert_eq!(std::fs::read(place.at("p").join(name)).unwrap(), b"mine", "{name}");
+    }
+}
+
+/// Each is said once, whatever else there is to say.
+#[test]
+fn what_meshes_logs_and_graphs_lack_is_said() {
+    let place = Place::new();
+    place.tactile("simulate --object box:0.12x0.06x0.05 --grasps 3 -o box.jsonl").done();
+    let run = place.tactile("slam box.jsonl --graph planes --out r").done();
+    run.says(&["3 grasps: --graph planes corrects nothing with fewer than 8"]);
+    let quiet = place.tactile("slam box.jsonl --out r").done();
+    assert!(!quiet.err.contains("--graph"), "{}", quiet.err);
+
+    let mut open = String::from("OFF\n4 3 0\n0 0 0\n0.1 0 0\n0 0.1 0\n0 0 0.1\n");
+    open += "3 0 2 1\n3 0 1 3\n3 0 3 2\n";
+    place.put("open.off", open);
+    let doubt = "open.off: the mesh is no closed surface whose triangles all face out: 3 edges";
+    let simulate = "simulate --object open.off --touch uniform --grasps 2 -o open.jsonl";
+    place.tactile(simulate).done().says(&[doubt]);
+    place.tactile("localize --model open.off open.jsonl").done().says(&[doubt]);
+    place
+        .tactile("slam open.jsonl --poses truth --out r")
+        .done()
+        .says(&["the true shape: the mesh is"]);
+    // A mesh beside a log that nobody simulated.
+    place.put("mine.ply", "mine");
+    place
+        .tactile("simulate --object sphere:0.08 --grasps 2 -o mine.jsonl")
+        .refused(&["mine.ply is there already and no true mesh of mine.jsonl"]);
+    assert_eq!(std::fs::read(place.at("mine.ply")).unwrap(), b"mine");
+    place
+        .tactile("explore --object sphere:0.0005 --out r")
+        .refused(&["the hand closed on nothing"]);
 }
 
 #[test]

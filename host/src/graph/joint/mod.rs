@@ -58,7 +58,7 @@ use supposed::supposed;
 
 /// Grasps from which on poses are corrected. Of fewer, many sets of poses lay all contacts on a few
 /// faces, the fewest faces win, and what comes of it looks more certain than it is.
-const ENOUGH: usize = 8;
+pub const LEAST_GRASPS: usize = 8;
 
 /// Numbers that make a block in the plane and in space. A superquadric has its axes square to each other, and
 /// what it saves by that it must not gain over faces that are as much in order.
@@ -87,7 +87,7 @@ pub fn refine(log: &GraspLog, steps: &[Step]) -> Option<Corrected> {
 }
 
 fn corrected(log: &GraspLog, steps: &[Step], effort: Effort) -> Option<Corrected> {
-    if log.grasps.len() < ENOUGH {
+    if log.grasps.len() < LEAST_GRASPS {
         return None;
     }
     let Some(told) = supposed(log) else { return modelled(log, steps, effort) };

@@ -190,9 +190,11 @@ impl Problem {
             let others = self.of(self.felt[i].grasp).filter(|j| *j != i);
             median(others.map(|j| (point(i) - point(j)).norm()).collect())
         };
-        let distances: Vec<f64> = (0..self.felt.len()).map(distance).collect();
-        let usual = median(distances.clone());
-        distances.into_iter().map(|distance| distance > ASTRAY * usual).collect()
+        let distances: Vec<Option<f64>> = (0..self.felt.len()).map(distance).collect();
+        // One alone in its grasp says nothing of what is usual.
+        let usual = median(distances.iter().flatten().copied().collect()).unwrap_or(0.0);
+        let is_far = |distance: Option<f64>| distance.is_some_and(|d| d > ASTRAY * usual);
+        distances.into_iter().map(is_far).collect()
     }
 
     /// The same measurements with the last grasp first.
@@ -260,11 +262,11 @@ impl Problem {
         centroid(own.iter().map(|f| f.contact.point))
     }
 
-    /// The middle of the contacts in the object frame: what slips turn about.
+    /// The middle of the contacts that are not astray in the object frame: what slips turn about.
     pub fn middle(&self, poses: &[Pose]) -> Point {
         let count = self.starts[poses.len().min(self.grasps())];
-        let sum: Point = (0..count).map(|i| self.placed(poses, i).point).sum();
-        sum / count.max(1) as f64
+        let near = (0..count).filter(|i| !self.felt[*i].astray);
+        centroid(near.map(|i| self.placed(poses, i).point))
     }
 
     /// Whether most contacts of a grasp lie where they can be of the object.
@@ -331,10 +333,10 @@ impl Problem {
     }
 }
 
-/// Of several numbers the middle one, or the lesser of two; zero of none.
-fn median(mut all: Vec<f64>) -> f64 {
+/// Of several numbers the middle one, or the lesser of two.
+fn median(mut all: Vec<f64>) -> Option<f64> {
     let middle = all.len().saturating_sub(1) / 2;
-    if all.is_empty() { 0.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    (!all.is_empty()).then(|| *all.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 fn finite(pose: &Pose) -> bool {

@@ -280,6 +280,9 @@ fn descend<const D: usize>(
                 degrees: told - D as f64,
             });
         }
+        if !(cost(&next) <= now) {
+            break;
+        }
         pose = next;
     }
     Err(RegistrationError::Diverged)

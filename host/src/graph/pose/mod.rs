@@ -89,7 +89,7 @@ pub type PoseGraph3 = PoseGraph<Se3, 6>;
 impl<G: Group<D>, const D: usize> PoseGraph<G, D> {
     /// χ² = Σ eᵀ Ω e at the current poses.
     pub fn chi2(&self) -> f64 {
-        self.edges.iter().map(|edge| edge.chi2(&self.poses)).sum()
+        self.edges.iter().fold(0.0, |sum, edge| sum + edge.chi2(&self.poses))
     }
 }
 

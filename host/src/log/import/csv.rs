@@ -245,11 +245,30 @@ fn parse(text: &str, path: &Path, options: &Options) -> Result<GraspLog, LogErro
 }
 
 fn split<'a>(file: &'a Path, index: usize, line: &'a str, separator: char) -> Row<'a> {
-    let cell = |cell: &'a str| {
-        let cell = cell.trim();
-        cell.strip_prefix('"').and_then(|c| c.strip_suffix('"')).unwrap_or(cell)
-    };
-    Row { file, line: index + 1, cells: line.split(separator).map(cell).collect() }
+    let mut cells = Vec::new();
+    let mut rest = Some(line);
+    while let Some(line) = rest {
+        let (cell, after) = quoted(line, separator).unwrap_or_else(|| plain(line, separator));
+        cells.push(cell);
+        rest = after;
+    }
+    Row { file, line: index + 1, cells }
+}
+
+/// The first cell of a line, and what is behind the separator after it.
+fn plain(line: &str, separator: char) -> (&str, Option<&str>) {
+    let both = line.split_once(separator);
+    both.map_or((line.trim(), None), |(cell, rest)| (cell.trim(), Some(rest)))
+}
+
+/// The same of a cell in quotes, between which there may be separators; `None` where it is not.
+fn quoted(line: &str, separator: char) -> Option<(&str, Option<&str>)> {
+    let (cell, rest) = line.trim_start().strip_prefix('"')?.split_once('"')?;
+    let rest = rest.trim_start_matches(|c: char| c.is_whitespace() && c != separator);
+    match rest.strip_prefix(separator) {
+        Some(rest) => Some((cell, Some(rest))),
+        None => rest.is_empty().then_some((cell, None)),
+    }
 }
 
 #[cfg(test)]
@@ -269,6 +288,18 @@ mod tests {
         }
         assert_eq!(kept("1712345678901234567"), json!(1_712_345_678_901_234_567_i64));
         assert_eq!((kept("-0.5"), kept("1e5"), kept("0")), (json!(-0.5), json!(1e5), json!(0)));
+    }
+
+    #[test]
+    fn separators_in_quotes_separate_nothing() {
+        let cells = |line| split(Path::new("some.csv"), 0, line, ',').cells;
+        assert_eq!(cells(r#"1, 2,"left, top" ,"","#), ["1", "2", "left, top", "", ""]);
+        assert_eq!(cells(r#""a","b,c""#), ["a", "b,c"]);
+        // Inches, and quotes that are not closed.
+        assert_eq!(cells(r#"5" tip,"a"b,"c"#), [r#"5" tip"#, r#""a"b"#, r#""c"#]);
+        assert_eq!(cells(""), [""]);
+        let log = csv("x,y,note\n0.1,0.2,\"left, top\"\n").unwrap();
+        assert_eq!(log.grasps[0].contacts[0].unknown["note"], json!("left, top"));
     }
 
     #[test]
