@@ -11,9 +11,11 @@ use crate::thin::evenly;
 /// Cosine of the angle between a normal and a direction up to which a contact bounds an object that way.
 const FACING: f64 = 0.5;
 
-/// How far beyond it a contact may leave a place open and still bound the object there, and how uncertain the
-/// object's end is where none does: shares of the contacts' extent that way, or of this share of their extent in all.
-const BOUNDED: f64 = 0.5;
+/// How far beyond a place a contact may leave the object room and still bound it there, how far beyond the contact that
+/// place may be (the inner side of one arm does not bound another), and how uncertain the object's end is where none
+/// bounds it: shares of the contacts' extent that way, or of this share of their extent in all.
+const BOUNDED: f64 = 0.2;
+const BEYOND: f64 = 0.1;
 const OPEN: f64 = 0.3;
 const THIN: f64 = 0.3;
 
@@ -61,7 +63,8 @@ impl Open {
         let extent = (high - low).max(THIN * self.size);
         let is_bound = |(touched, felt): &(Point, Point)| {
             let facing = felt.dot(normal);
-            facing > FACING && felt.dot(&(touched - point)) < BOUNDED * extent * facing
+            let room = felt.dot(&(touched - point));
+            facing > FACING && (-BEYOND * extent..BOUNDED * extent * facing).contains(&room)
         };
         if self.bounds.iter().any(is_bound) { 0.0 } else { OPEN * extent }
     }
@@ -114,6 +117,28 @@ mod tests {
         assert!(deviation(&contacts, -end.0, -end.1) > 0.04);
         // One that bounds it far away hardly does.
         assert!(deviation(&contacts, Point::new(0.0, 0.0, -0.08), Point::z()) > 0.04);
+    }
+
+    /// An L of two arms 100 mm long and 10 mm thick, of which one end was touched.
+    #[test]
+    fn the_inner_side_of_one_arm_does_not_bound_the_other() {
+        let touch = |x: f64, y: f64, normal: Point| Contact {
+            point: Point::new(x, y, 0.0),
+            normal: Some(normal),
+            point_deviation: 1e-3,
+            normal_deviation: 0.09,
+        };
+        let (right, up) = (Point::x(), Point::y());
+        let mut contacts = vec![touch(0.005, 0.1, up)];
+        for i in 1..9 {
+            let along = 0.01 * f64::from(i);
+            contacts.extend([touch(along, 0.0, -up), touch(0.0, along, -right)]);
+            contacts.extend([touch(0.01 + along, 0.01, up), touch(0.01, 0.01 + along, right)]);
+        }
+        let open = Open::of(&contacts);
+        assert!(open.deviation(&Point::new(0.095, 0.005, 0.0), &right) > 0.02);
+        assert_eq!(open.deviation(&Point::new(0.005, 0.1, 0.0), &up), 0.0);
+        assert_eq!(open.deviation(&Point::new(0.01, 0.06, 0.0), &right), 0.0);
     }
 
     #[test]
