@@ -361,6 +361,8 @@ impl<T: Onboard<S>, S: WireSpace, const CONTACTS: usize, const FINGERS: usize>
                 self.tracker.believe(&pose, &covariance)?;
                 self.candidates.clear();
                 self.modes = Modes::one(pose);
+                // It is of another object frame.
+                self.estimate = None;
             }
             Command::Face(frame) => {
                 self.tracker.learn(&frame.face())?;

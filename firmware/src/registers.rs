@@ -1,5 +1,5 @@
-//! Reading and writing a peripheral's registers: with the stack's ends, all the unsafe code of the
-//! firmware.
+//! Reading and writing a peripheral's registers: with the stack's ends, all memory that the firmware touches as it is
+//! numbered.
 
 #[cfg(target_os = "none")]
 use core::ptr;

@@ -417,6 +417,10 @@ fn a_host_that_knows_better_is_believed() {
     let apart = moved.local(&estimate.pose().unwrap());
     assert!(apart.norm() < 0.02, "{apart:?}");
     assert_eq!((estimate.status(), estimate.grasp), (Status::Tracking, 0));
+    assert!(matches!(say(Command::Query(Topic::Estimate))[0], Report::Estimate(_)));
+    // Of another object frame than what is told next.
+    assert_eq!(refused(&say(Command::Believe(belief))), None);
+    assert_eq!(refused(&say(Command::Query(Topic::Estimate))), Some(Refusal::NoEstimate));
 }
 
 /// A pinch of two fingers from both sides along `along`, about the world's origin.

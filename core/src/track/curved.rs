@@ -59,7 +59,8 @@ use trajectory::{Hypothesis, Trajectory};
 pub struct Settings {
     /// Motion noise of one grasp.
     pub motion: MotionNoise,
-    /// How far the object may have moved when nobody knows, or after it was lost.
+    /// How far the object may have moved when nobody knows, or after it was lost; twice the motion noise where that is
+    /// more.
     pub unknown: MotionNoise,
     /// Hypotheses this many nats below the best are dropped.
     pub prune: f32,
@@ -76,6 +77,15 @@ impl Settings {
         prune: 10.0,
         parts: 3,
     };
+
+    /// How far the object may have moved when nobody knows: as said, and no less than every tracker takes it for.
+    fn of_unknown(&self) -> MotionNoise {
+        let twice = self.motion.of(false);
+        MotionNoise {
+            translation: math::max(self.unknown.translation, twice.translation),
+            rotation: math::max(self.unknown.rotation, twice.rotation),
+        }
+    }
 }
 
 /// At most `HYPOTHESES` trajectories of the last `GRASPS` grasps and `CONTACTS` contacts over the map

@@ -65,7 +65,8 @@ pub enum Status {
     Started,
     /// The grasp fits the shape at one pose.
     Tracking,
-    /// Nothing usable was felt: the pose is the prediction.
+    /// Nothing usable was felt, or only where nothing had been touched before: the pose is the prediction, and what was
+    /// felt was learnt there.
     Predicted,
     /// The grasp fits at several poses, see [`Estimate::modes`]; the pose is the heaviest one's. Or at one,
     /// but only had the object slipped there, and the next grasp has yet to agree.
@@ -110,10 +111,11 @@ pub struct Estimate<S: Space> {
     pub contacts: u16,
     /// Contacts dropped because a number in them was bad.
     pub rejected: u16,
-    /// Contacts (of this or earlier grasps) that the bounded map let go in this update.
+    /// Contacts (of this or earlier grasps) that the bounded map let go in this update, and those that nothing
+    /// explains.
     pub dropped: u16,
-    /// Whether the grasp corrected the pose. False on the first grasp, on an empty one, and when it
-    /// fits nowhere; the pose is then the prediction.
+    /// Whether the grasp corrected the pose. False on the first grasp, on an empty one, when it fits nowhere, and
+    /// when it was felt only where nothing had been touched; the pose is then the prediction.
     pub corrected: bool,
     /// Whether the particles were resampled.
     pub resampled: bool,

@@ -33,7 +33,8 @@ impl core::error::Error for EncodeError {}
 /// The frame as it goes over the wire, delimiter included.
 ///
 /// # Errors
-/// When it does not fit; no message of this protocol is that long.
+/// When it does not fit: of this protocol only candidates with strokes that begin far from the hand's origin are that
+/// long ([`CandidateFrame`](super::CandidateFrame)).
 pub fn encode<'a, M: Serialize>(
     frame: &Frame<M>,
     buffer: &'a mut [u8; MAX_FRAME],

@@ -111,7 +111,7 @@ impl<S: WireSpace> EstimateFrame<S> {
     }
 }
 
-/// One of the poses that the belief held possible after the last grasp.
+/// One of the poses that the belief held possible after the last grasp, or was told to since.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "")]
 pub struct ModeFrame<S: WireSpace> {

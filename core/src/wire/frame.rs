@@ -115,7 +115,7 @@ pub enum Topic {
     Estimate,
     /// [`Report::Health`].
     Health,
-    /// [`Report::Mode`] of this number, 0 the heaviest, after the last grasp.
+    /// [`Report::Mode`] of this number, 0 the heaviest, after the last grasp or belief.
     Mode(u8),
     /// [`Report::Face`] of this number, from 0, as the shape is now.
     Face(u8),
@@ -278,7 +278,7 @@ pub enum Refusal {
     Motion,
     /// The grasp holds as many contacts (or free points) as it can; those it has stay.
     Full,
-    /// No grasp has been committed since the last reset.
+    /// No grasp has been committed since the last reset or belief.
     NoEstimate,
     /// There is no mode, face or finger of this number, or no candidate of the one before.
     NoSuch,
@@ -295,7 +295,8 @@ pub enum Refusal {
     /// A number of the sensor's settings is not finite, not positive where it must be, or out of
     /// order.
     Sensor,
-    /// This part is not of the kind of sensor that was begun last for this finger.
+    /// This part is not of the sensor that was begun last: another kind's, or another finger's. A board is told of one
+    /// sensor at a time.
     Part,
     /// Contacts cannot be streamed that fast.
     Rate,

@@ -70,7 +70,8 @@ pub struct WordsFrame {
 
 /// One part of what a finger's sensor is told. A sensor's settings are longer than a frame: they
 /// are begun with [`SensorPart::Gauges`] or [`SensorPart::Electrodes`], which stand for defaults,
-/// changed part by part, and only [`SensorPart::Use`] puts them to use, all or none of them.
+/// changed part by part, and only [`SensorPart::Use`] puts them to use, all or none of them. One finger after the
+/// other: what was begun for another and not put to use is forgotten.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SensorFrame {
     /// Which finger, from 0.

@@ -34,7 +34,7 @@ impl<
                 self.pending.motion = motion.compose(&self.pending.motion);
                 self.settings.motion
             }
-            None => self.settings.unknown,
+            None => self.settings.of_unknown(),
         };
         self.widen(&noise);
     }
@@ -43,7 +43,7 @@ impl<
     /// there was put where it is touched; the log density of that, over one that it slipped.
     #[inline(never)]
     pub(super) fn slip(&mut self, grasp: &GraspView<'_, S>) -> f32 {
-        let unknown = self.settings.unknown;
+        let unknown = self.settings.of_unknown();
         self.widen(&unknown);
         self.slipped = true;
         let Some(last) = self.memory.grasps().len().checked_sub(1) else { return 0.0 };
@@ -60,7 +60,7 @@ impl<
     }
 
     fn widen(&mut self, noise: &MotionNoise) {
-        let most = &self.settings.unknown;
+        let most = &self.settings.of_unknown();
         let drift = &mut self.pending.drift;
         // Beyond twice what unknown motion allows, or this one, all places are alike.
         let add = |drift: f32, noise: f32, most: f32| {

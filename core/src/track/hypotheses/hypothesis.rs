@@ -93,7 +93,7 @@ impl<S: Chart, const FACES: usize, const ROWS: usize, const PACKED: usize, const
         out
     }
 
-    /// Points known to be of the object, with the plane each lies on: ends and centres.
+    /// Points known to be of the object, with the plane each lies on: the ends of what was touched of it.
     pub fn witnesses(&self) -> impl Iterator<Item = (usize, S::Vector)> + Clone + '_ {
         self.records[..self.faces].iter().enumerate().flat_map(|(j, r)| {
             [(j, r.ends[0]), (j, r.ends[1])].into_iter().take(if r.contacts > 1 { 2 } else { 1 })
