@@ -80,7 +80,8 @@ pub(crate) fn centroid(points: impl Iterator<Item = Point>) -> Point {
     sum / f64::max(count, 1.0)
 }
 
-/// How points lie about a place: the sum of the squares of their offsets, m². Its eigenvectors are their principal axes.
+/// How points lie about a place: the sum of the squares of their offsets, m². Its eigenvectors are their principal
+/// axes.
 pub(crate) fn scatter(points: impl Iterator<Item = Point>, about: &Point) -> Matrix3<f64> {
     points.map(|p| p - about).map(|offset| offset * offset.transpose()).sum()
 }

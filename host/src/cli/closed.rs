@@ -2,8 +2,8 @@
 
 use crate::shape::{Flaws, Geometry, Mesh};
 
-/// What is to be said of an object's mesh with gaps or triangles turned inside out: fingers pass through there, and what
-/// is inside is not defined.
+/// What is to be said of an object's mesh with gaps or triangles turned inside out: fingers pass through there, and
+/// what is inside is not defined.
 pub(super) fn doubt(mesh: &Mesh) -> Option<String> {
     let Flaws { open, turned, crowded } = mesh.flaws();
     let kinds = [

@@ -19,8 +19,8 @@ use crate::space::{Point, Pose};
 /// Poses map the model's frame to the world. Of an object that moved, the pose is that at the last
 /// grasp: earlier contacts are carried along by the motions in the log.
 ///
-/// Each pose has its part of the belief, the mean distance of the contacts from the model, and the standard deviation in
-/// its least certain direction, turns counted at half the diagonal of the model's box and no more than that.
+/// Each pose has its part of the belief, the mean distance of the contacts from the model, and the standard deviation
+/// in its least certain direction, turns counted at half the diagonal of the model's box and no more than that.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  tactile localize --model cylinder.off contacts.off --json")]
 pub struct LocalizeArgs {

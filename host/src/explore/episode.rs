@@ -398,8 +398,8 @@ fn first(
     Err(Error::Missed)
 }
 
-/// From the true object frame to the believed one: by the first grasp that felt something, which fixed it. Where the pose
-/// is tracked, nobody can know how that grasp lay on the shape beyond what it felt: then by where all
+/// From the true object frame to the believed one: by the first grasp that felt something, which fixed it. Where the
+/// pose is tracked, nobody can know how that grasp lay on the shape beyond what it felt: then by where all
 /// contacts at the tracked poses lie best on the true surface ([`gauge()`]).
 fn true_frame(bench: &Bench, settings: &Settings, steps: &[Step]) -> Pose {
     let frame = true_start(bench, steps);

@@ -83,8 +83,8 @@ pub fn read(
 ///
 /// Contacts of earlier grasps are carried along by the motions that the log states, and the noise
 /// it states for these ([`MotionNoise::THESIS`] where it does not) widens their deviations: by nσ² after n
-/// motions, turns counted at the contact's distance from the middle of all. That these errors are common to the contacts of
-/// a grasp is not used.
+/// motions, turns counted at the contact's distance from the middle of all. These errors are common to the m contacts
+/// of a grasp, which together say no more of the pose than one: each is widened by m times that.
 ///
 /// # Errors
 /// For planar logs, and where a motion is unknown and the object not said to be fixed.
@@ -92,7 +92,7 @@ pub fn from_log(log: &GraspLog, fixed: Fixed) -> Result<Vec<Contact>, ContactsEr
     if log.dimension != 3 {
         return Err(ContactsError::Planar);
     }
-    // With the number of motions since each was felt.
+    // With the number of motions since each was felt, times those that share their errors.
     let mut contacts: Vec<(Contact, f64)> = Vec::new();
     // From the grasp at hand to the last.
     let mut onwards = Pose::identity();
@@ -102,7 +102,8 @@ pub fn from_log(log: &GraspLog, fixed: Fixed) -> Result<Vec<Contact>, ContactsEr
             let (point_deviation, normal_deviation) = deviations(c, &log.noise);
             let point = (onwards * Point3::from(c.point)).coords;
             let normal = c.normal.map(|n| onwards.rotation * n);
-            (Contact { point, normal, point_deviation, normal_deviation }, motions)
+            let contact = Contact { point, normal, point_deviation, normal_deviation };
+            (contact, motions * grasp.contacts.len() as f64)
         });
         contacts.extend(placed);
         if k > 0 && fixed == Fixed::No {
@@ -191,6 +192,20 @@ mod tests {
         assert!((first.point_deviation - 0.005).abs() < 1e-9, "{first:?}");
         let (_, contacts) = read(&path, Fixed::Yes, told).unwrap();
         assert!(contacts.iter().all(|c| (c.point_deviation, c.normal_deviation) == (0.004, 0.2)));
+    }
+
+    #[test]
+    fn contacts_that_share_an_error_say_as_much_as_one() {
+        let still = Some(Pose::identity());
+        let mut log =
+            log(vec![grasp(0, None, Point::x() * 0.1), grasp(1, still, Point::x() * 0.1)]);
+        let first = log.grasps[0].contacts[0].clone();
+        log.grasps[0].contacts = vec![first; 4];
+        let contacts = from_log(&log, Fixed::No).unwrap();
+        let added = |c: &Contact| c.point_deviation.powi(2) - 0.002f64.powi(2);
+        assert!(added(&contacts[0]).abs() < 1e-12, "{contacts:?}");
+        let information: f64 = contacts[1..].iter().map(|c| 1.0 / added(c)).sum();
+        assert!((information * 0.003f64.powi(2) - 1.0).abs() < 1e-9, "{contacts:?}");
     }
 
     /// Fingers that touch in turn turn about the object's middle, not each about itself.

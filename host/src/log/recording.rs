@@ -11,8 +11,8 @@
 //! | 2 | the same, bytes to the board |
 //!
 //! Pieces are only ever appended, so that a crash costs at most the piece being written: the reader
-//! reports and skips a torn last piece, and any damaged one. Where another recording was put behind one, with a header of
-//! its own, the one ends. The pieces of one direction, joined,
+//! reports and skips a torn last piece, and any damaged one. Where another recording was put behind one, with a
+//! header of its own, the one ends. The pieces of one direction, joined,
 //! are the link's bytes exactly, damaged frames included.
 
 use std::fs::File;

@@ -1,13 +1,16 @@
+use tactile_core::track::Status;
+
 use super::body::{ROUGH, SHAPE, Side};
 use super::descent::touches;
 use super::parts::candidates;
 use super::*;
 use crate::experiment::tracking::judge::{Judgement, Truth, judge};
+use crate::graph::Kind;
 use crate::graph::joint::tangent::{Face, local};
 use crate::log::GraspLog;
 use crate::quantity::{Deviation, Displacement};
 use crate::sim::{Options, Simulation, simulate};
-use crate::slam::track::Step;
+use crate::slam::track::{Step, truth};
 
 /// A simulated object that slips by as much as the motions may err.
 fn slipping(object: &str, grasps: usize, seed: u64, outliers: f64) -> Simulation {
@@ -424,4 +427,25 @@ fn without_normals_the_right_body_fits_to_noise_and_another_does_not() {
     let mean = |object: &str| (1..5).map(|seed| bare(object, seed).per_degree).sum::<f64>() / 4.0;
     let [ellipse, octagon] = ["ellipse:0.1x0.06", "ngon:8,0.045"].map(mean);
     assert!((0.75..1.2).contains(&ellipse) && octagon > 1.3, "{ellipse} {octagon}");
+}
+
+/// As flat faces say it: not every grasp that is given a pose was felt there.
+#[test]
+fn a_grasp_of_something_else_stays_lost_beside_a_ball() {
+    const ELSEWHERE: usize = 9;
+    let motion_noise = Deviation { length: 3e-3, angle: 5f64.to_radians() };
+    let spec = "sphere:0.07".parse().unwrap();
+    let options = Options { grasps: Some(12), motion_noise, seed: 2, ..Options::new(spec) };
+    let mut log = simulate(&options).unwrap().log;
+    for contact in &mut log.grasps[ELSEWHERE].contacts {
+        contact.point += Point::new(0.5, 0.1, -0.2);
+        contact.normal = contact.normal.map(|normal| Point::new(normal.y, normal.z, normal.x));
+    }
+    let mut steps = truth(&log).unwrap();
+    steps[ELSEWHERE].status = Status::Lost;
+    steps[4].status = Status::Lost;
+    let corrected = Kind::Planes.correct(&log, &steps).unwrap();
+    assert!(corrected.faces.is_none());
+    let lost: Vec<usize> = (0..12).filter(|k| corrected.steps[*k].status == Status::Lost).collect();
+    assert_eq!(lost, [ELSEWHERE]);
 }
