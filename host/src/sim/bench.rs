@@ -11,8 +11,8 @@ use super::hand::{Hand, Surroundings};
 use super::random::Random;
 use super::touch::{Felt, Stroke, feel, strokes};
 use super::world::{
-    FIRST_OFFSET, FIRST_TURN, about, check, normal, normal_turn, sensed, stated, turn, uniform3,
-    write,
+    EXPLORED, FIRST_OFFSET, FIRST_TURN, about, check, normal, normal_turn, sensed, stated, turn,
+    uniform3, write,
 };
 use super::{Options, SimError};
 use crate::log::{GraspLog, LoggedContact, LoggedFree, LoggedGrasp, TrueShape};
@@ -94,7 +94,7 @@ impl Bench {
         let log = GraspLog {
             dimension,
             description: format!(
-                "explored {}, seed {}",
+                "{EXPLORED}{}, seed {}",
                 options.object.without_folders(),
                 options.seed
             ),

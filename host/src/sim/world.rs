@@ -27,8 +27,9 @@ const WILD: f64 = 0.03;
 /// Attempts at one grasp: a hand that closed on nothing tries again elsewhere.
 const ATTEMPTS: usize = 50;
 
-/// What descriptions of simulated logs begin with; the object is next.
-const MADE: &str = "simulated ";
+/// What descriptions of logs begin with that were made here; the object is next.
+pub(super) const SIMULATED: &str = "simulated ";
+pub(super) const EXPLORED: &str = "explored ";
 
 /// Contacts in a whole log.
 const MOST_CONTACTS: usize = 10_000_000;
@@ -283,13 +284,15 @@ pub(super) fn write(
     }
 }
 
-/// Whether a mesh was written beside a log, damaged or not: by an earlier simulation, but of another object than
-/// that mesh itself.
+/// Whether a mesh was written beside a log, damaged or not: by an earlier run, but of another object than that mesh
+/// itself.
 fn is_written(mesh: &Path, name: &str, log: &Path) -> bool {
     let Ok((log, _)) = GraspLog::salvage(log) else { return false };
-    let is_made = log.description.starts_with(MADE)
-        && !log.description.starts_with(&format!("{MADE}{name}: "));
-    is_made && matches!(log.shape, Some(TrueShape::Mesh { file, .. }) if is_same_file(&file, mesh))
+    let made = [SIMULATED, EXPLORED].iter().find_map(|made| log.description.strip_prefix(made));
+    let is_other =
+        |object: &str| !object.strip_prefix(name).is_some_and(|rest| rest.starts_with([':', ',']));
+    made.is_some_and(is_other)
+        && matches!(log.shape, Some(TrueShape::Mesh { file, .. }) if is_same_file(&file, mesh))
 }
 
 /// Whether a file already holds what would be written.
@@ -456,7 +459,7 @@ fn description(options: &Options, grasps: usize) -> String {
     };
     let object = object.without_folders();
     format!(
-        "{MADE}{object}: {grasps} grasps of {contacts} contacts by {touch}, contact noise \
+        "{SIMULATED}{object}: {grasps} grasps of {contacts} contacts by {touch}, contact noise \
          {contact_noise}, motion noise {motion_noise}{away}, outliers {outliers}, seed {seed}"
     )
 }

@@ -32,6 +32,11 @@ fn results_of_another_object_do_not_stay_beside_new_ones() {
     for name in ["shape.obj", "log.ply"] {
         assert_eq!(std::fs::read(place.at("p").join(name)).unwrap(), b"mine", "{name}");
     }
+    // True meshes that runs write are theirs.
+    for object in ["sphere:0.08", "box:0.1x0.06x0.05"] {
+        let explore = format!("explore --object {object} --max-actions 1 --seed 1 --out e");
+        place.tactile(&explore).done();
+    }
 }
 
 /// Each is said once, whatever else there is to say.
