@@ -1,5 +1,4 @@
-//! Reading and writing a peripheral's registers: with the stack's ends, all memory that the firmware touches as it is
-//! numbered.
+//! Reading and writing a peripheral's registers: with the stack's ends, every access to memory by its address.
 
 #[cfg(target_os = "none")]
 use core::ptr;

@@ -167,19 +167,20 @@ fn strangers(grasps: &[u64]) -> Option<String> {
 /// Why a graph that was asked for corrected nothing.
 fn idle(kind: graph::Kind, log: &GraspLog) -> Option<String> {
     const LEAST: usize = graph::joint::LEAST_GRASPS;
-    match kind {
-        graph::Kind::None => None,
-        graph::Kind::Pairwise => Some(
-            "no two grasps felt faces that tell their relative pose: --graph pairwise corrects nothing".into(),
+    let (why, option) = match kind {
+        graph::Kind::None => return None,
+        graph::Kind::Pairwise => {
+            ("no two grasps felt faces that tell their relative pose".into(), "pairwise")
+        }
+        graph::Kind::Planes if log.grasps.len() < LEAST => {
+            (format!("{} grasps, expected {LEAST} at least", log.grasps.len()), "planes")
+        }
+        graph::Kind::Planes => (
+            "no shape explains all grasps, or their contacts are too many for a smooth one".into(),
+            "planes",
         ),
-        graph::Kind::Planes if log.grasps.len() < LEAST => Some(format!(
-            "{} grasps: --graph planes corrects nothing with fewer than {LEAST}", log.grasps.len()
-        )),
-        graph::Kind::Planes => Some(
-            "no shape explains the contacts of all grasps, or of a smooth one they are too many: \
-             --graph planes corrects nothing".into(),
-        ),
-    }
+    };
+    Some(format!("{why}: --graph {option} corrects nothing"))
 }
 
 /// Runs the subcommand.

@@ -53,7 +53,8 @@ impl Inspection {
             "dimension": self.header.dimension, "description": self.header.description,
             "fingers": self.header.fingers, "seconds": r.duration.as_secs_f64(),
             "grasps": r.log.grasps.len(), "contacts": self.contacts(), "estimates": r.estimates.len(),
-            "pieces": self.pieces, "torn_bytes": self.torn, "damaged_pieces": self.damaged, "another_recording_at": self.another,
+            "pieces": self.pieces, "torn_bytes": self.torn, "damaged_pieces": self.damaged,
+            "another_recording_at": self.another,
             "from_board": counters(&r.from_board), "to_board": counters(&r.to_board),
             "refused": r.refused,
             "left_out": {

@@ -88,13 +88,15 @@ impl GraspLog {
             });
         }
         let is_recording = path.extension().is_some_and(|ending| ending == "tac");
-        GraspLog::parse(BufReader::new(file), path).map_err(|error| match is_recording {
-            true => LogError::Content {
+        GraspLog::parse(BufReader::new(file), path).map_err(|error| match error {
+            // Not even its header is text.
+            LogError::Line { line: 1, .. } if is_recording => LogError::Content {
                 file: path.into(),
-                problem: "is a recording (.tac); expected a grasp log, as `tactile replay --to jsonl` makes of one"
-                    .into(),
+                problem:
+                    "is a recording (.tac); expected a grasp log, as `tactile replay` makes of it"
+                        .into(),
             },
-            false => error,
+            other => other,
         })
     }
 

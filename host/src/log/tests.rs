@@ -504,3 +504,14 @@ fn a_private_file_stays_private() {
     log.write(&path).unwrap();
     assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
 }
+
+#[test]
+fn a_recording_is_called_one_and_a_log_of_that_name_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.tac");
+    std::fs::write(&path, [7, 0xff, 0xfe, 0, 3, 0]).unwrap();
+    let error = GraspLog::read(&path).unwrap_err().to_string();
+    assert!(error.contains("a.tac") && error.contains("is a recording (.tac)"), "{error}");
+    std::fs::write(&path, include_str!("../../assets/bundled.jsonl")).unwrap();
+    assert_eq!(GraspLog::read(&path).unwrap().grasps.len(), 10);
+}
